@@ -228,7 +228,7 @@ class SimulatedRobot:
         trunk = self.body.true_pose.lifted() @ self.body.true_trunk()
         return trunk @ self._head.true_camera(mount)
 
-    def _measured_camera(self, mount: tuple[float, float, float]) -> Pose3:
+    def measured_camera(self, mount: tuple[float, float, float]) -> Pose3:
         """Camera in the body frame as the encoders give it."""
         return self.body.trunk_from_encoders() @ self._head.camera_from_encoders(mount)
 
@@ -283,7 +283,7 @@ class SimulatedRobot:
             )
         else:
             range_m, amplitude = self._tof.measure(self.world.ranges(source), true)
-        return RangeView(range_m, amplitude, self._tof.camera, self._measured_camera(mount))
+        return RangeView(range_m, amplitude, self._tof.camera, self.measured_camera(mount))
 
     def _colour_view(self) -> ColourView | None:
         if not self.config.colour:
@@ -292,7 +292,7 @@ class SimulatedRobot:
         true = self.camera_in_world(config.mount_m)
         motion = self._motions.get(config.mount_m, STATIONARY)
         rgb = colour_picture(self.world, config, true, self._colour_rng, motion)
-        return ColourView(rgb, config.camera, self._measured_camera(config.mount_m))
+        return ColourView(rgb, config.camera, self.measured_camera(config.mount_m))
 
     def _stereo_view(self) -> StereoView | None:
         if not self.config.stereo:
@@ -302,5 +302,5 @@ class SimulatedRobot:
         motion = self._motions.get(config.mount_m, STATIONARY)
         left, right = stereo_pair(self.world, config, baseline, true, self._stereo_rng, motion)
         return StereoView(
-            left, right, baseline, config.camera, self._measured_camera(config.mount_m)
+            left, right, baseline, config.camera, self.measured_camera(config.mount_m)
         )

@@ -4,8 +4,9 @@ A policy of a user's own has the one method of `GazePolicy`, and a constructor t
 `RobotModel`; planners reach every policy through a `GazeControl`. One that values directions may derive from
 `MapGaze`.
 
-With the evaluations the head turns to the middle of the highest plateau of the gaze map, among the directions that
-it reaches before the next image, and keeps its direction unless another is clearly better.
+With the evaluations the head turns to the middle of the highest plateau of the gaze map, in which a direction that it
+does not reach before the next image counts less by the time that it takes, and keeps its direction unless another is
+clearly better.
 
 Source: Yoo 2010 (seed 001), section 3 (evaluations), section 7 (integration with the gait); the initial survey and
 the other policies here are ours; `univector.published_gaze` has that of seed 001 alone.
@@ -263,25 +264,26 @@ class EvaluationGaze:
         obstacles: Sequence[Obstacle],
         known: GazeContext | None = None,
     ) -> GazeCommand:
-        """The best direction of the gaze map within reach of the head."""
+        """The best direction of the gaze map for the time that the head takes to get there."""
         self.attention = None
         if known is None or self._sweep.surveying:
             gaze = self._sweep.next(stamp_s, robot, via, obstacles)
         else:
             self.attention = self._model.weigh(stamp_s, via, obstacles, known, self._present)
-            reached = self._within_reach(self.attention.total)
-            gaze = select(reached, self._present, self._present, self._model.config)
-        if known is not None:
-            self._model.decided(stamp_s, gaze, via, obstacles, known.pose)
+            soon = self._by_time(self.attention.total)
+            gaze = select(soon, self._present, self._present, self._model.config)
         self._present = turned(self._present, gaze, self._head)
+        if known is not None:
+            self._model.decided(stamp_s, self._present, via, obstacles, known.pose)
         return gaze
 
-    def _within_reach(
+    def _by_time(
         self, total: Float[np.ndarray, "rows columns"]
     ) -> Float[np.ndarray, "rows columns"]:
-        """The map, 0 at directions that the head does not reach in time."""
+        """The map by the time that the head takes, where it comes too late for the first image of the step."""
         gaze: GazeMapConfig = self._model.config
-        reach = self._head.speed_radps * FIRST_IMAGE_S
-        far = np.abs(gaze.pans[:, None] - self._present.pan_rad) > reach
-        far = far | (np.abs(gaze.tilts - self._present.tilt_rad) > reach)
-        return np.where(far, 0.0, total)
+        pan = np.abs(gaze.pans[:, None] - self._present.pan_rad)
+        turn_s = (
+            np.maximum(pan, np.abs(gaze.tilts - self._present.tilt_rad)) / self._head.speed_radps
+        )
+        return total * (FIRST_IMAGE_S / np.maximum(turn_s, FIRST_IMAGE_S))

@@ -1,4 +1,4 @@
-"""Compiled loops of the geometric sensor: occlusion of discs, and ray casting among discs in a room."""
+"""Compiled loops of the geometric sensor: visible parts of discs, and ray casting among discs in a room."""
 
 from __future__ import annotations
 
@@ -10,24 +10,37 @@ from perception.primitives.compiled import njit
 
 
 @njit(cache=True)
-def find_occluded(
-    away: np.ndarray, bearing: np.ndarray, half: np.ndarray, apart: float, result: np.ndarray
+def find_visible(
+    away: np.ndarray,
+    bearing: np.ndarray,
+    half: np.ndarray,
+    view: np.ndarray,
+    apart: float,
+    result: np.ndarray,
 ) -> None:
-    """Whether a nearer disc covers any part of each disc, or is closer than `apart` in angle.
+    """The largest visible part of each disc, as offsets from its direction; empty if the first exceeds the second.
 
     Args:
         away, bearing, half: (n,) distance, direction and angular half width of each disc.
-        apart: rad.
-        result: (n,) output.
+        view: Direction of the view's middle, and half its width, rad.
+        apart: Angle beside a nearer disc that is not visible either, rad.
+        result: (n, 2) output, rad.
     """
     for i in range(len(away)):
-        result[i] = False
+        middle = (view[0] - bearing[i] + math.pi) % (2.0 * math.pi) - math.pi
+        low, high = max(-half[i], middle - view[1]), min(half[i], middle + view[1])
         for j in range(len(away)):
-            if j != i and away[j] < away[i]:
-                between = (bearing[j] - bearing[i] + math.pi) % (2.0 * math.pi) - math.pi
-                if abs(between) < half[i] + half[j] + apart:
-                    result[i] = True
-                    break
+            if j == i or away[j] >= away[i]:
+                continue
+            between = (bearing[j] - bearing[i] + math.pi) % (2.0 * math.pi) - math.pi
+            left, right = between + half[j] + apart, between - half[j] - apart
+            if left <= low or right >= high:
+                continue
+            if right - low > high - left:
+                high = right
+            else:
+                low = left
+        result[i, 0], result[i, 1] = low, high
 
 
 @njit(cache=True)

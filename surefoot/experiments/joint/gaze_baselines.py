@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.obstacles.tracker import TrackerConfig
+from perception.primitives.landmark import Landmark
 from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import RobotModel
@@ -26,10 +27,11 @@ from planning.gaze.sampling import from_camera, sample_region
 from planning.gaze.selection import GazeMapConfig, shown
 
 if TYPE_CHECKING:
-    from .gaze_coupling import LocalisedPerception
+    from ..support.geometric_perception import GeometricPerception
 
 DETECTION_M = 0.02  # standard deviation of a detection
 NEAR_M = 2.0  # movers within this distance count
+OBLIQUE_RAD = math.radians(65.0)  # greatest viewing angle at which a tag is decoded
 LOST_M = TrackerConfig().largest_sigma_m  # of a mover without a track
 
 
@@ -126,7 +128,7 @@ class OracleGaze(BaselineGaze):
     the position, and of the deviation of each mover nearby. One direction at a time, like everybody.
     """
 
-    def watch(self, perception: LocalisedPerception) -> None:
+    def watch(self, perception: GeometricPerception) -> None:
         """Take the truth from here."""
         self._truth = perception
 
@@ -151,5 +153,21 @@ class OracleGaze(BaselineGaze):
             reduced = max(sigma - DETECTION_M, 0.0) / LOST_M
             worth.append(reduced if clear and away < NEAR_M else 0.0)
         total += self.of_points(known, movers[:, :2], np.array(worth))
-        seen = np.array([self._truth.decodable(mark, true) for mark in known.landmarks], np.bool_)
+        seen = np.array([self._decodable(mark, true) for mark in known.landmarks], np.bool_)
         return total + self.of_marks(known, np.where(seen, self.shares(known), 0.0))
+
+    def _decodable(self, mark: Landmark, true: Pose2) -> bool:
+        """Whether a look at a tag from here would decode it: near, not too oblique, not hidden."""
+        place = np.array(mark.position[:2])
+        apart = place - (true.x, true.y)
+        away, direction = math.hypot(*apart), math.atan2(apart[1], apart[0])
+        if away > TAG_REACH_M or self._viewing_angle(place, direction) > OBLIQUE_RAD:
+            return False
+        return bool(self._truth.free_m(true, place[None])[0] >= away - 0.1)
+
+    def _viewing_angle(self, place: Float[np.ndarray, "2"], direction_rad: float) -> float:
+        """Angle between the line of sight and the normal of the wall that a tag hangs on."""
+        x0, y0, x1, y1 = self._truth.walls
+        gaps = np.array([place[0] - x0, x1 - place[0], place[1] - y0, y1 - place[1]])
+        across = abs(math.cos(direction_rad)) if gaps.argmin() < 2 else abs(math.sin(direction_rad))
+        return math.acos(min(across, 1.0))

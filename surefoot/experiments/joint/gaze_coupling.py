@@ -2,8 +2,7 @@
 
 The courses are the first legs of those of seed 001: sixteen obstacles, four of them moving, and tags on the walls.
 Tracker, egocentric grid, localiser and planner are the product's; only images are replaced by geometry
-(`support/geometric_perception.py`), and the localiser uses the tags that the colour camera would show, with the noise of
-sightings in images. Measured after every footstep: the standard deviation of the robot's position, that of each moving
+(`support/geometric_perception.py`). Measured after every footstep: the standard deviation of the robot's position, that of each moving
 obstacle within two metres (for one without a track, the tracker's limit), and the share of outdated cells in the
 sampling region.
 
@@ -18,11 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from perception.localisation.filter import PoseFilter
 from perception.primitives import plugins
-from perception.primitives.frame import Frame
-from perception.primitives.gaussian import Gaussian
-from perception.primitives.landmark import Landmark, Sighting
 from perception.primitives.pose import Pose2
 from planning.gaze import evaluations
 from planning.gaze.attention import sample_region
@@ -32,7 +27,6 @@ from planning.planners.search_planner import SearchPlanner
 from planning.world_model import WorldModel
 from sim.robot import SimulatedRobot
 from sim.scenes import catalogue
-from sim.sensors.geometric_sensor import COLOUR_DEG
 from sim.world import World
 
 from ...config.presets import on_body
@@ -40,7 +34,7 @@ from ...config.schema import Config
 from ...evaluation.metrics.contacts import BODY_RADIUS_M
 from ...run.bodies import LiveBody
 from ...run.loop import cycles
-from ...run.simulate import START_COVARIANCE
+from ...run.simulate import known_beforehand, true_start
 from ..support.columns import Row
 from ..support.course_runner import course_config, published
 from ..support.experiment import Experiment, Outcome, Say, Target
@@ -52,10 +46,6 @@ WALKER = "walker"  # seed 001's gaze and motion, `univector.mode` "seed"
 LEGS = 3  # of the course, about 9 m
 LIMIT_S = 240.0
 NEAR_M = 2.0  # moving obstacles within this distance are evaluated
-REACH_M = 3.5  # greatest range of a tag with a side of 0.22 m
-OBLIQUE_RAD = math.radians(65.0)  # greatest viewing angle at which a tag is decoded
-RANGE_PER_M = 0.0033  # standard deviation of a range divided by its square, as in images
-BEARING_RAD = 0.0071  # standard deviation of a bearing, likewise
 
 
 @dataclass(frozen=True)
@@ -87,58 +77,6 @@ class GazeWalk:
     fell: bool = False
 
 
-class LocalisedPerception(GeometricPerception):
-    """Geometric perception with the pose of the localiser, by odometry, gyro and visible tags."""
-
-    def __init__(self, config: Config, robot: SimulatedRobot, seed: int) -> None:
-        super().__init__(config, robot, seed, perfect=False)
-        scene = robot.world.scene
-        self.landmarks = scene.landmarks
-        self.localiser = PoseFilter(
-            Gaussian(scene.start.vector, START_COVARIANCE), scene.landmarks, config.localiser
-        )
-        self._noise = np.random.default_rng([seed, 41])
-
-    def _estimated(self, frame: Frame, true: Pose2, elapsed: float) -> Gaussian:
-        """The localiser's pose."""
-        self.localiser.predict(frame.odometry, frame.imu, elapsed)
-        self._sightings = tuple(self._look_for_tags(true)) if frame.footstep_due else ()
-        self.localiser.update(self._sightings)
-        return self.localiser.pose
-
-    def _look_for_tags(self, true: Pose2) -> list[Sighting]:
-        """Sightings of the tags in the colour camera's field of view, neither occluded nor too oblique."""
-        half = math.radians(COLOUR_DEG) / 2
-        pan, _ = self.head(true)
-        found = []
-        for mark in self.landmarks:
-            x, y = true.inverse().apply(np.array([mark.position[:2]]))[0]
-            away, bearing = math.hypot(x, y), math.atan2(y, x)
-            off = abs((bearing - pan + math.pi) % (2 * math.pi) - math.pi)
-            if off > half - 0.11 / away or not self.decodable(mark, true):
-                continue
-            sigmas = np.array([RANGE_PER_M * away**2, BEARING_RAD])
-            measured = np.array([away, bearing]) + sigmas * self._noise.standard_normal(2)
-            found.append(Sighting(mark.identity, measured, np.diag(sigmas**2)))
-        return found
-
-    def decodable(self, mark: Landmark, true: Pose2) -> bool:
-        """Whether a look at a tag from here would decode it: near, not too oblique, not hidden."""
-        place = np.array(mark.position[:2])
-        apart = place - (true.x, true.y)
-        away, direction = math.hypot(*apart), math.atan2(apart[1], apart[0])
-        if away > REACH_M or self._viewing_angle(place, direction) > OBLIQUE_RAD:
-            return False
-        return bool(self.free_m(true, place[None])[0] >= away - 0.1)
-
-    def _viewing_angle(self, place: Float[np.ndarray, "2"], direction_rad: float) -> float:
-        """Angle between the line of sight and the normal of the wall that a tag hangs on."""
-        x0, y0, x1, y1 = self._walls
-        gaps = np.array([place[0] - x0, x1 - place[0], place[1] - y0, y1 - place[1]])
-        across = abs(math.cos(direction_rad)) if gaps.argmin() < 2 else abs(math.sin(direction_rad))
-        return math.acos(min(across, 1.0))
-
-
 def walk_with_gaze(
     seed: int, mode: str, body: str = "kinematic", scene_name: str = SCENE
 ) -> GazeWalk:
@@ -154,11 +92,12 @@ def walk_with_gaze(
     found: list[tuple[float, ...]] = []
     heads: list[tuple[float, float]] = []
     contacts, touched = 0, set[int]()
+    placed = replace(scene, start=true_start(scene, config))
     with (
-        World(scene, "tiny", seed) as world,
+        World(placed, "tiny", seed) as world,
         SimulatedRobot(world, config.robot, seed) as robot,
     ):
-        perception = LocalisedPerception(config, robot, seed)
+        perception = GeometricPerception(config, robot, known_beforehand(scene, robot, config))
         walker = FieldPlanner if mode == WALKER else SearchPlanner
         planner = walker(config.planning, goals)
         watch = getattr(planner.gaze.policy, "watch", None)
@@ -189,7 +128,7 @@ def walk_with_gaze(
 
 
 def _measures(
-    perception: LocalisedPerception, world: WorldModel, true: Pose2, movers: int, config: Config
+    perception: GeometricPerception, world: WorldModel, true: Pose2, movers: int, config: Config
 ) -> tuple[float, ...]:
     """The first five figures of `GazeWalk` after one step."""
     assert world.pose is not None

@@ -1,9 +1,7 @@
 """A walk of ten metres through a furnished home, fast enough for a hundred of them.
 
 Body, slip and depth camera are those of every simulated run. Two simplifications save time: the route is given instead
-of planned, and tags are detected by geometry instead of in images. A tag is detected if rays reach its corners; the
-corners have the noise measured on rendered tags, and the pose of the tag is computed by the product. The tests compare
-both kinds of detection.
+of planned, and tags are detected by geometry instead of in images (`support/tag_sensor.py`).
 
 All processing that needs no pose happens here once, so that several localisers can process the same walk.
 """
@@ -16,38 +14,28 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from perception.depth import points, time_of_flight
 from perception.floor import choose, classify
 from perception.floor.levelling import level
 from perception.floor.prior import kinematic_prior
 from perception.floor.segmented_view import SegmentedView, truncated
-from perception.localisation.landmarks import (
-    LandmarkConfig,
-    constrained_to_height,
-    range_and_bearing,
-    tag_centre,
-    to_body_frame,
-)
 from perception.obstacles.clustering import cluster
 from perception.obstacles.track import Detection
 from perception.primitives.frame import Frame
-from perception.primitives.landmark import Landmark, Sighting
-from perception.primitives.pose import Pose2, Pose3, wrap_angle
+from perception.primitives.landmark import Sighting
+from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import GazeCommand, WalkCommand
 from sim.free_space import clearance_map
-from sim.rendering.rays import RayCaster
-from sim.robot import SimulatedRobot
+from sim.robot import RobotConfig, SimulatedRobot
 from sim.scene import Scene
 from sim.scenes import catalogue
-from sim.sensors.cameras import ImageConfig
 from sim.sensors.tof_camera import TofConfig
-from sim.shapes import Box
 from sim.truth import FIRST_STATIC_ID, ObstacleTruth, Truth
 from sim.world import World
 
 from ...config.schema import Config
+from ..support.tag_sensor import TagNoise, TagSensor
 
 LENGTH_M = 10.0
 MAX_FRAMES = 900  # including waiting for moving obstacles
@@ -59,16 +47,6 @@ GLANCES_DEG = (0.0, 40.0, 0.0, -40.0, 0.0, 80.0, 0.0, -80.0)
 TILT_DEG = 28.0
 LOOK_AHEAD_M = 0.30
 WAIT_M = 0.55  # the robot waits for moving obstacles ahead within this distance
-
-
-@dataclass(frozen=True)
-class TagNoise:
-    """Errors of tag corners in images, measured on 160 rendered tags of two homes."""
-
-    corner_px: float = 0.06  # standard deviation of each corner
-    grow_px: float = 0.09  # outward shift of all corners: black bleeds
-    lower_px: float = 0.13  # downward shift of all corners: the renderer's pixel centres
-    max_oblique_deg: float = 70.0  # at larger angles its cells are not decoded
 
 
 @dataclass(frozen=True)
@@ -94,94 +72,21 @@ class WalkInstant:
     fell: bool = False
 
 
-class TagSensor:
-    """Detects tags as the colour camera does, without images."""
-
-    def __init__(
-        self, scene: Scene, noise: TagNoise, config: LandmarkConfig, rng: np.random.Generator
-    ) -> None:
-        self._marks = scene.landmarks
-        self._noise, self._config, self._rng = noise, config, rng
-        yaws = {
-            thing.name: part.yaw_rad
-            for thing in scene.static_objects
-            for part in thing.parts
-            if isinstance(part, Box)
-        }
-        self._yaws = [yaws[f"tag {mark.identity}"] for mark in self._marks]
-        self._corners = [
-            corners(mark, yaw) for mark, yaw in zip(self._marks, self._yaws, strict=True)
-        ]
-
-    def look(
-        self, rays: RayCaster, image: ImageConfig, T_world_camera: Pose3, T_body_camera: Pose3
-    ) -> list[Sighting]:
-        """Sightings of one instant.
-
-        Args:
-            rays: Ray caster of the world.
-            image: The colour camera.
-            T_world_camera: True camera pose.
-            T_body_camera: Camera pose on the body by the joints.
-        """
-        found = []
-        for mark, yaw, four in zip(self._marks, self._yaws, self._corners, strict=True):
-            seen = T_world_camera.inverse().apply(four)
-            pixels = image.camera.project(seen)
-            away = T_world_camera.position - np.array(mark.position)
-            facing = away @ np.array([math.cos(yaw), math.sin(yaw), 0.0]) / np.linalg.norm(away)
-            if (
-                facing < math.cos(math.radians(self._noise.max_oblique_deg))
-                or not bool(np.all(image.camera.contains(pixels)))
-                or not _reached(rays, T_world_camera.position, four)
-            ):
-                continue
-            outward = pixels - pixels.mean(axis=0)
-            outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-            pixels = pixels + self._noise.grow_px * outward + np.array([0.0, self._noise.lower_px])
-            pixels = pixels + self._noise.corner_px * self._rng.standard_normal((4, 2))
-            centre = tag_centre(pixels, mark.side_m, image.camera, self._config)
-            if centre is None:
-                continue
-            in_body = to_body_frame(centre, T_body_camera, self._config)
-            at_height = constrained_to_height(in_body, mark.position[2])
-            if at_height is not None:
-                found.append(range_and_bearing(at_height, mark.identity))
-        return found
-
-
-def corners(mark: Landmark, yaw_rad: float) -> Float[np.ndarray, "4 3"]:
-    """Corners of a tag on a vertical face with normal `yaw_rad`, clockwise from the upper left, world frame, m."""
-    half = mark.side_m / 2.0
-    right = np.array([-math.sin(yaw_rad), math.cos(yaw_rad), 0.0]) * half  # as seen from in front
-    up = np.array([0.0, 0.0, half])
-    middle = np.array(mark.position)
-    return np.array(
-        [middle - right + up, middle + right + up, middle + right - up, middle - right - up]
-    )
-
-
-def _reached(rays: RayCaster, origin: Float[np.ndarray, "3"], places: np.ndarray) -> bool:
-    """Whether rays from an origin reach all points without hitting anything."""
-    paths = places - origin
-    lengths = np.linalg.norm(paths, axis=1)
-    hits = rays.cast(origin, (paths / lengths[:, None]).astype(np.float32))
-    return bool(np.all(hits.distance_m > lengths - 0.02))
-
-
-def walk(seed: int, config: Config) -> Iterator[WalkInstant]:
+def walk(seed: int, config: Config, noise: float = 1.0) -> Iterator[WalkInstant]:
     """Survey the room, then follow a free path through it for ten metres, or until the robot falls.
 
     Args:
         seed: Seed of home, body and sensors.
         config: Configuration of perception and body; only the depth camera is on, with one ray per pixel.
+        noise: Factor of the noise of body and sensors.
     """
     scene = catalogue.load("home", seed)
     robot = replace(config.robot, stereo=False, colour=False, tof_camera=TofConfig(sub_rays=1))
+    robot, tag_noise = scaled_noise(robot, noise)
     rng = np.random.default_rng([seed, 50])
     with World(scene, "tiny", seed) as world, SimulatedRobot(world, robot, seed) as body:
         truth = Truth(body)
-        tags = TagSensor(scene, TagNoise(), config.landmarks, rng)
+        tags = TagSensor(scene, tag_noise, config.landmarks, rng)
         guide = RouteFollower(scene)
         walked, before = 0.0, truth.robot_pose()
         for _ in range(MAX_FRAMES):
@@ -210,6 +115,25 @@ def walk(seed: int, config: Config) -> Iterator[WalkInstant]:
                 step, gaze = guide.next(pose, moving)
                 body.walk(step)
                 body.look(gaze)
+
+
+def scaled_noise(robot: RobotConfig, factor: float) -> tuple[RobotConfig, TagNoise]:
+    """The robot with every error of body and sensors times a factor, and the same of its tags."""
+    slip, sway, imu, head, tof = robot.slip, robot.sway, robot.imu, robot.head, robot.tof_camera
+    tags = TagNoise()
+    return replace(
+        robot,
+        slip=_times(slip, factor, *vars(slip)),
+        sway=_times(sway, factor, "roll_deg", "pitch_deg", "yaw_deg", "height_m"),
+        imu=_times(imu, factor, *vars(imu)),
+        head=_times(head, factor, "offset_deg"),
+        tof_camera=_times(tof, factor, "noise_m", "floor_noise_m", "wiggling_m", "pattern_m"),
+    ), _times(tags, factor, "corner_px", "grow_px", "lower_px")
+
+
+def _times(config: C, factor: float, *names: str) -> C:
+    """The same configuration with these numbers times a factor."""
+    return replace(config, **{name: factor * getattr(config, name) for name in names})
 
 
 def segment_frame(

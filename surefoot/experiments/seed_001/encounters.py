@@ -73,6 +73,7 @@ def encounter(seed: int, field: FieldConfig) -> Encounter:
         detections = [
             Detection(one.position, one.covariance, one.radius_m, 0.4)
             for one in sensor.look(np.array([[*seen, radius]]), pan, TILT_RAD, True)
+            if one.whole
         ]
         tracker.update(stamp, detections, pose)
         advice = motion.advise(pose, speed, tracker.obstacles, goal, None, field)

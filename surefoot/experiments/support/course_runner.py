@@ -34,7 +34,7 @@ from ...run.bodies import LiveBody
 from ...run.loop import cycles
 from ...run.perception_source import PerceptionSource
 from ...run.pipeline import Pipeline
-from ...run.simulate import known_beforehand
+from ...run.simulate import known_beforehand, true_start
 from .geometric_perception import GeometricPerception
 
 PASSED_M = 0.30  # navigation study: a via point counts as reached when passed within 0.3 m
@@ -122,16 +122,16 @@ def walk(config: Config, perfect: bool = False, stepper: StepFilter | None = Non
     if config.robot.needs_pybullet:
         bullet.require()
     scene = catalogue.load(config.scene, config.seed, config.difficulty, config.movers)
+    placed = replace(scene, start=true_start(scene, config))
     result, touch = CourseWalk(), Touch()
     images = config.robot.tof
     with (
-        World(scene, config.renderer if images else "tiny", config.seed) as world,
+        World(placed, config.renderer if images else "tiny", config.seed) as world,
         SimulatedRobot(world, config.robot, config.seed) as robot,
     ):
-        geometric = GeometricPerception(config, robot, config.seed, perfect)
-        perception: PerceptionSource = geometric
-        if images:
-            perception = Pipeline(config, known_beforehand(scene, robot, config))
+        info = known_beforehand(scene, robot, config)
+        geometric = GeometricPerception(config, robot, info, perfect)
+        perception: PerceptionSource = Pipeline(config, info) if images else geometric
         planner: FieldPlanner | SearchPlanner
         if config.mission.planner == "field":
             planner = FieldPlanner(config.planning, scene.goals)
@@ -140,8 +140,7 @@ def walk(config: Config, perfect: bool = False, stepper: StepFilter | None = Non
         body = LiveBody(robot)
         for cycle in cycles(body, perception, planner):
             stamp_s, decision = cycle.frame.stamp_s, cycle.decision
-            if images:
-                geometric.watch(stamp_s, cycle.world.tracks)
+            geometric.watch(stamp_s, cycle.world.tracks)
             _record_contacts(scene, geometric, touch, stamp_s, result)
             if decision is not None:
                 _record_decision(result, cycle.world, decision, geometric)

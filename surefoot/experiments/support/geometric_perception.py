@@ -2,7 +2,7 @@
 
 Rendering the images of a 500 s walk takes minutes. Here `sim.sensors.geometric_sensor` computes what the cameras
 would detect; with `perfect`, everything is known without error, for comparison. Tracker, egocentric grid and
-confidence layer are those of the pipeline. The pose has a time-correlated error with the localiser's covariance.
+confidence layer are those of the pipeline, and so is the localiser, by odometry, gyro and the tags of the scene.
 """
 
 from __future__ import annotations
@@ -16,15 +16,17 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from mapping.grid.confidence import ConfidenceLayer
+from mapping.grid.dynamic_traces import DynamicTraces
 from mapping.grid.egocentric_grid import EgocentricGrid
 from mapping.grid.world_map import WorldMap
+from perception.depth.sources import DepthSources
 from perception.estimate import Estimate
 from perception.floor.segmented_view import near_moving_obstacles
 from perception.obstacles.track import Detection
 from perception.obstacles.tracker import ObstacleTracker, Visible
 from perception.primitives.frame import Frame
 from perception.primitives.gaussian import Gaussian
-from perception.primitives.landmark import Landmark, Sighting
+from perception.primitives.landmark import Sighting
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, wrap_angle
 from planning.world_model import WorldModel
@@ -33,14 +35,17 @@ from sim.sensors.geometric_sensor import TOF_ACROSS_DEG, GeometricSensor
 from sim.truth import Truth
 
 from ...config.schema import Config
+from ...recordings.recording import RecordingInfo
+from ...run.pipeline import make_pose_source
+from .tag_sensor import TagNoise, TagSensor
 
-POSE_SIGMA_M, POSE_SIGMA_RAD = 0.008, math.radians(0.35)
-"""1.25 times the localiser's largest error in three walks from images (3 to 6.5 mm per axis, 0.18 to 0.28 deg)."""
-POSE_MEMORY_S = 10.0  # correlation time of the pose error; 5 to 20 s in the same walks
 RAYS = 45  # one per degree of the time-of-flight camera's field of view
 SPACING_M = 0.04  # of floor points along a ray: at least one per cell
 SAME_M = 0.35  # a track within this distance of an object is assigned to it
 HIT_POINTS = 4  # points on an obstacle per ray, one above the other
+RANGE_SIGMA_M, FLYING_SHARE, FLYING_M = 0.010, 0.016, (-0.3, 0.2)
+"""Errors of obstacle points along the ray, as in images (554 frames of the hard course, seeds 1000 and 1001): standard
+deviation of most, share of the others, and their range, m."""
 
 
 @dataclass
@@ -59,20 +64,24 @@ class ObservationTimes:
 class GeometricPerception:
     """A perception source without images."""
 
-    def __init__(self, config: Config, robot: SimulatedRobot, seed: int, perfect: bool) -> None:
-        """Start at the robot's initial pose.
+    def __init__(
+        self, config: Config, robot: SimulatedRobot, info: RecordingInfo, perfect: bool = False
+    ) -> None:
+        """Start on the mark.
 
         Args:
-            config: Configuration of tracker, grid and confidence.
+            config: Configuration of localiser, tracker, grid and confidence; its seed is that of all errors.
             robot: The simulated robot.
-            seed: Seed of all errors.
+            info: What is known beforehand, as for the pipeline.
             perfect: Everything is known everywhere without error or delay.
         """
         self.config = config
-        self.landmarks: tuple[Landmark, ...] = ()
+        self.landmarks = info.landmarks
+        self._pose_source = make_pose_source(config, info, DepthSources())
         self.tracker = ObstacleTracker(config.tracker)
         self.grid: EgocentricGrid | None = None
         self.confidence: ConfidenceLayer | None = None
+        self._traces = DynamicTraces()
         self.world = WorldMap(config.world_map)
         self.truth = Truth(robot)
         self.followed: dict[int, ObservationTimes] = {}
@@ -80,14 +89,13 @@ class GeometricPerception:
         """Computing time of the tracker in the latest frame, ms; 0 for perfect perception."""
         self._sightings: tuple[Sighting, ...] = ()
         self._robot, self._perfect = robot, perfect
-        self._walls = np.array(robot.world.scene.extent, float)
-        error, look = (
-            np.random.default_rng(s) for s in np.random.SeedSequence([seed, 40]).spawn(2)
+        self.walls = np.array(robot.world.scene.extent, float)
+        """x_min, y_min, x_max, y_max of the room, m."""
+        self._rng, tags, look = (
+            np.random.default_rng(s) for s in np.random.SeedSequence([config.seed, 40]).spawn(3)
         )
-        self._rng = error
+        self._tags = TagSensor(robot.world.scene, TagNoise(), config.landmarks, tags)
         self._sensor = GeometricSensor(look)
-        self._deviations = np.array([POSE_SIGMA_M, POSE_SIGMA_M, POSE_SIGMA_RAD])
-        self._error = np.array([0.01, 0.01, math.radians(1.0)]) * error.standard_normal(3)
         self._stamp_s = 0.0
         self._turned_s: dict[int, float] = {}
         self._velocities: dict[int, tuple[float, float]] = {}
@@ -103,7 +111,7 @@ class GeometricPerception:
         elapsed, self._stamp_s = frame.stamp_s - self._stamp_s, frame.stamp_s
         true = self.truth.robot_pose()
         self._move_on(frame.stamp_s)
-        pose = self._estimated(frame, true, elapsed)
+        pose = self._estimated(frame, true)
         if self._perfect:
             obstacles = self._everything(frame.stamp_s)
             if frame.footstep_due:
@@ -117,7 +125,7 @@ class GeometricPerception:
         return WorldModel(estimate, self.grid, self.confidence, self.world, self.landmarks)
 
     def watch(self, stamp_s: float, obstacles: Sequence[Obstacle]) -> None:
-        """Record which objects the tracks of another perception source belong to."""
+        """Record which objects the present tracks, of any perception source, belong to."""
         self._stamp_s = stamp_s
         self._move_on(stamp_s)
         for one in obstacles:
@@ -138,16 +146,22 @@ class GeometricPerception:
         """Time since a moving object last reversed, s; infinite for static objects."""
         return self._stamp_s - self._turned_s.get(index, -math.inf)
 
-    def _estimated(self, frame: Frame, true: Pose2, elapsed: float) -> Gaussian:
-        """The true pose with a correlated error; without error for perfect perception."""
+    def _estimated(self, frame: Frame, true: Pose2) -> Gaussian:
+        """The localiser's pose; the true one for perfect perception."""
         if self._perfect:
             return Gaussian(true.vector, np.eye(3) * 1e-8)
-        keep = math.exp(-elapsed / POSE_MEMORY_S)
-        fresh = self._deviations * self._rng.standard_normal(3)
-        self._error = keep * self._error + math.sqrt(1.0 - keep**2) * fresh
-        mean = true.vector + self._error
-        mean[2] = wrap_angle(float(mean[2]))
-        return Gaussian(mean, np.diag(self._deviations**2))
+        self._sightings = tuple(self._look_for_tags()) if frame.footstep_due else ()
+        self._pose_source.update(frame, self._sightings)
+        pose = self._pose_source.pose
+        assert pose is not None
+        return pose
+
+    def _look_for_tags(self) -> list[Sighting]:
+        """Sightings of the tags that the colour camera would decode now."""
+        robot, image = self._robot, self._robot.config.colour_camera
+        seen_from = robot.camera_in_world(image.mount_m)
+        by_joints = robot.measured_camera(image.mount_m)
+        return self._tags.look(robot.world.rays, image, seen_from, by_joints)
 
     def _everything(self, stamp_s: float) -> list[Obstacle]:
         found = []
@@ -156,21 +170,20 @@ class GeometricPerception:
             state = Gaussian(np.array([x, y, *velocity]), np.eye(4) * 1e-8)
             moving = float(k in self._velocities)
             found.append(Obstacle(state, radius, self._heights_m[k], k, moving, stamp_s, 0.0))
-            self._note(k, stamp_s)
         return found
 
     def _look(self, frame: Frame, true: Pose2, pose: Gaussian) -> list[Obstacle]:
-        """Tracks after an update with the detections of this frame."""
+        """Tracks after an update with the detections of this frame, body frame."""
         in_body = self.discs.copy()
         in_body[:, :2] = true.inverse().apply(self.discs[:, :2])
         pan, tilt = self.head(true)
         seen = self._sensor.look(in_body, pan, tilt, frame.footstep_due)
-        for one in seen:
-            self._note(one.index, frame.stamp_s)
-        detections = [Detection(one.position, one.covariance, one.radius_m, 0.4) for one in seen]
+        given = [Detection(one.position, one.covariance, one.radius_m, 0.4) for one in seen]
+        whole = [one for one, found in zip(given, seen, strict=True) if found.whole]
+        cut = [one for one, found in zip(given, seen, strict=True) if not found.whole]
         visible = self._visible(pose, pan, tilt)
         began = time.thread_time()
-        self.tracker.update(frame.stamp_s, detections, pose, visible)
+        self.tracker.update(frame.stamp_s, whole, pose, visible, cut)
         obstacles = self.tracker.obstacles
         self.tracking_ms = 1e3 * (time.thread_time() - began)
         return obstacles
@@ -201,7 +214,7 @@ class GeometricPerception:
         bearing = np.arctan2(apart[:, 1], apart[:, 0])
         rays = np.column_stack([np.broadcast_to((true.x, true.y), apart.shape), bearing])
         discs = self.discs if without is None else np.delete(self.discs, without, axis=0)
-        return self._sensor.rays(discs, self._walls, rays)[0]
+        return self._sensor.rays(discs, self.walls, rays)[0]
 
     def _visible(self, pose: Gaussian, pan: float, tilt: float) -> Visible:
         """A test like `Sight.visible`: positions whose line of sight the time-of-flight camera sees as free."""
@@ -212,7 +225,7 @@ class GeometricPerception:
             apart = xy - here[:2]
             away, bearing = np.hypot(apart[:, 0], apart[:, 1]), np.arctan2(apart[:, 1], apart[:, 0])
             rays = np.column_stack([np.broadcast_to(here[:2], apart.shape), bearing])
-            free, _ = self._sensor.rays(self.discs, self._walls, rays)
+            free, _ = self._sensor.rays(self.discs, self.walls, rays)
             off = np.abs((bearing - here[2] - pan + math.pi) % (2 * math.pi) - math.pi)
             inside = (off <= half) & (away > nearest) & (away < farthest)
             return np.asarray(inside & (free > away + 0.15))
@@ -232,11 +245,14 @@ class GeometricPerception:
         half = math.radians(TOF_ACROSS_DEG) / 2
         fan = pan + np.linspace(-half, half, RAYS)
         origin = np.column_stack([np.full(RAYS, true.x), np.full(RAYS, true.y), true.yaw + fan])
-        free, _ = self._sensor.rays(self.discs, self._walls, origin)
+        free, _ = self._sensor.rays(self.discs, self.walls, origin)
         along = np.arange(nearest, farthest, SPACING_M)
         ray, step = np.nonzero(along[None] < free[:, None] - 0.03)
         hits = np.flatnonzero(free < farthest)
-        distances = np.concatenate([along[step], np.repeat(free[hits] + 0.01, HIT_POINTS)])
+        fronts = np.repeat(free[hits] + 0.01, HIT_POINTS) + self._range_errors(
+            HIT_POINTS * len(hits)
+        )
+        distances = np.concatenate([along[step], fronts])
         which = np.concatenate([ray, np.repeat(hits, HIT_POINTS)])
         is_obstacle = np.arange(len(which)) >= len(ray)
         directions = pose.mean[2] + fan[which]
@@ -244,9 +260,18 @@ class GeometricPerception:
             [np.cos(directions), np.sin(directions)]
         )
         is_moving = is_obstacle & near_moving_obstacles(points, self.tracker.obstacles)
-        self.grid.update(points, is_obstacle, stamp_s, pose.mean[:2], is_moving=is_moving)
+        self.grid.update(
+            points, is_obstacle, stamp_s, pose.mean[:2], is_moving=is_moving, pose=pose
+        )
+        self.grid.mark_moving(*self._traces.update(self.tracker.obstacles, stamp_s))
         self.grid.age(elapsed)
         self.confidence.see(self._looked_at(pose, pan, half, nearest, farthest))
+
+    def _range_errors(self, count: int) -> Float[np.ndarray, "n"]:
+        """Errors of the ranges of obstacle points, m: noise, and a few flying pixels."""
+        noise = RANGE_SIGMA_M * self._rng.standard_normal(count)
+        flies = self._rng.random(count) < FLYING_SHARE
+        return np.where(flies, self._rng.uniform(*FLYING_M, count), noise)
 
     def _looked_at(
         self, pose: Gaussian, pan: float, half: float, nearest: float, farthest: float
@@ -266,7 +291,7 @@ class GeometricPerception:
         assert self.confidence is not None
         self.grid.move(pose.mean[:2])
         centres = self.grid.centres().reshape(-1, 2)
-        x0, y0, x1, y1 = self._walls
+        x0, y0, x1, y1 = self.walls
         half = self.grid.cell_m / 2  # a partly covered cell counts as covered
         covered = (centres[:, 0] < x0 + half) | (centres[:, 0] > x1 - half)
         covered |= (centres[:, 1] < y0 + half) | (centres[:, 1] > y1 - half)

@@ -38,6 +38,7 @@ QUICK: dict[str, int] = {
 """Seeds of `--quick` by experiment; one for those that are not listed."""
 SMALLER: dict[str, dict[str, float]] = {
     "000-E3": {"limit_s": 75.0},
+    "001-E3": {"image_seeds": 0},
     "003-E6": {"limit_s": 60.0},
     "004-E3": {"motions": 3},
     "004-E4": {"motions": 2},

@@ -2,7 +2,7 @@
 
 Depth pictures, floor, clusters, localiser, tracks and maps are those of every run, so misses, false alarms, clutter and
 the error of the pose are the chain's own. Two simplifications make it ten times faster than a whole run: tags are
-detected by geometry (`localisation_walk.TagSensor`), and route and glances are given instead of planned, so that every
+detected by geometry (`tag_sensor`), and route and glances are given instead of planned, so that every
 tracker gets the same detections.
 """
 
@@ -35,7 +35,8 @@ from sim.world import World
 from ...config.schema import Config
 from ...run.pipeline import Pipeline
 from ...run.simulate import known_beforehand, true_start
-from ..joint.localisation_walk import RouteFollower, TagNoise, TagSensor
+from ..joint.localisation_walk import RouteFollower
+from .tag_sensor import TagNoise, TagSensor
 
 
 @dataclass(frozen=True)

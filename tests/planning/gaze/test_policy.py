@@ -18,7 +18,7 @@ from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import DARWIN_OP, HeadLimits, RobotModel
 from planning.commands import GazeCommand
 from planning.gaze.attention import GazeContext
-from planning.gaze.policy import FIRST_IMAGE_S, EvaluationGaze, GazeConfig, GazeControl
+from planning.gaze.policy import EvaluationGaze, GazeConfig, GazeControl
 from planning.gaze.selection import in_view
 from planning.gaze.sweep import Sweep
 
@@ -124,15 +124,29 @@ def test_the_survey_comes_first_and_again_on_request():
     assert standing.policy.surveying
 
 
-def test_a_slow_head_gets_directions_that_it_reaches_in_time():
-    standing = Standing(robot=RobotModel(head=HeadLimits(speed_radps=0.5))).surveyed()
-    reach, before = 0.5 * FIRST_IMAGE_S, None
-    for _ in range(20):
+def test_a_slow_head_keeps_on_turning_to_what_it_does_not_reach_in_time():
+    """An overdue obstacle at the other end of the neck, out of reach within one step and within two."""
+    standing = Standing(robot=RobotModel(head=HeadLimits(speed_radps=0.8))).surveyed()
+    for _ in range(4):
+        standing.look([mover(0.3, -1.0, standing.now)])
+    lost, place = mover(0.1, 1.0, standing.now - 5.0), np.array([[0.1, 1.0, -0.38]])
+    for _ in range(8):
+        standing.look([lost])
         present = standing.policy.policy._present
-        gaze = standing.look([mover(0.1, 1.0, -9.0)])
-        assert abs(gaze.pan_rad - present.pan_rad) <= reach + math.radians(3.0)
-        before = gaze
-    assert before is not None
+        if in_view(place, present, FLOOR)[0]:
+            break
+    else:
+        pytest.fail("the head never showed it")
+
+
+def test_of_two_equally_overdue_obstacles_the_head_turns_to_the_one_that_it_reaches_sooner():
+    standing = Standing(robot=RobotModel(head=HeadLimits(speed_radps=0.8))).surveyed()
+    present = standing.policy.policy._present.pan_rad
+    side = -1.0 if present > 0.0 else 1.0
+    bearings = present + side * 0.6, present + side * 1.8
+    soon, late = (mover(math.cos(b), math.sin(b), standing.now - 5.0) for b in bearings)
+    gaze = standing.look([soon, replace(late, track=8)])
+    assert abs(gaze.pan_rad - bearings[0]) < 0.4
 
 
 def test_an_unknown_mode_is_refused():

@@ -25,8 +25,9 @@ from surefoot.config.schema import Config
 from surefoot.experiments.joint import localisation
 from surefoot.experiments.joint import localisation_trial as trials
 from surefoot.experiments.joint.localisation import combine
-from surefoot.experiments.joint.localisation_walk import TagNoise, TagSensor, WalkInstant, walk
+from surefoot.experiments.joint.localisation_walk import WalkInstant, walk
 from surefoot.experiments.support.experiment import load, measure
+from surefoot.experiments.support.tag_sensor import TagNoise, TagSensor
 
 
 def test_tags_by_geometry_agree_with_tags_in_images() -> None:

@@ -66,6 +66,14 @@ def test_the_same_seed_gives_the_same_trajectory():
     assert one.trace == two.trace
 
 
+def test_the_pose_is_that_of_the_localiser_and_the_start_is_not_known_exactly():
+    """Errors of millimetres that tags keep small; error-free perception knows the true pose."""
+    errors = np.abs([e[:2] for e in walk(short("course", 1, 20.0)).pose_errors])
+    assert errors[0].max() > 1e-3
+    assert 5e-4 < np.median(errors[-15:]) < 0.02
+    assert np.max(walk(short("course", 1, 5.0), True).pose_errors) < 1e-9
+
+
 def on_steep_slope(config):
     """The dynamic body on a slope of eleven degrees, where it falls."""
     config = on_body(config, "dynamic")
