@@ -22,7 +22,7 @@ from .static_points import StaticPoints
 
 TILT_DEG = 4.0  # ours: the gravity direction of hand-held sets is good to 1-3 deg
 HEIGHT_M = 0.10  # ours: the floor must survive a pose jump of a few centimetres
-HEADING_DEG = 0.5  # motion capture and SLAM
+HEADING_DEG = 0.5  # ours: motion capture and SLAM
 
 
 class GivenPoses:

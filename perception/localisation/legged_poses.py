@@ -59,9 +59,7 @@ class LeggedLocaliser:
         before = self._localiser.state
         self._localiser.predict(frame.odometry, frame.imu, elapsed)
         expected = self._localiser.state
-        self._registration.predict(
-            self._localiser.config, before, frame.odometry, elapsed, expected
-        )
+        self._registration.predict(self._localiser.noise, before, frame.odometry, elapsed, expected)
         self._shift = np.zeros(3)
         if frame.odometry is not None and elapsed > 0.0:
             self._shift = frame.odometry.motion.vector * (CLOCK_SIGMA_S / elapsed)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -44,6 +44,13 @@ GYRO_BIAS_WALK_RADPS = 0.00003  # ours: per square root of a second
 RANGE_WALK = 0.1  # ours: per square root of a second; other tags have another offset
 NO_ODOMETRY_SIGMA_M = 0.07  # ours: per square root of a second without odometry; cruise speed
 NO_ODOMETRY_SIGMA_RAD = 0.4  # ours: likewise, about one turning step
+
+
+FRESH = (
+    *("step_x_sigma_m", "step_y_sigma_m", "step_yaw_sigma_rad", "gyro_sigma_radps"),
+    *("still_sigma_m", "still_sigma_rad", "shared_bearing_sigma_rad"),
+)
+"""Settings of the noise that is new at each step or frame."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +126,10 @@ class LocaliserConfig:
             raise ConfigError(
                 f"localiser: rejected_frames={self.rejected_frames} must be at least 1"
             )
+
+    def times(self, factor: float) -> LocaliserConfig:
+        """The same with every standard deviation of what is new at each step or frame times a factor."""
+        return replace(self, **{name: factor * getattr(self, name) for name in FRESH})
 
     def initial_state(self, start: Gaussian) -> Gaussian:
         """The whole state at the start of a run, from a Gaussian over (x, y, yaw)."""

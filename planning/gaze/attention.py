@@ -1,8 +1,9 @@
 """The gaze map of the present moment: the four evaluations from live covariances, over pan and tilt.
 
-Two reasons to look are ours. A moving obstacle out of sight gains priority with time and nearness, at both positions
+Three reasons to look are ours. A moving obstacle out of sight gains priority with time and nearness, at both positions
 where it may be by now; in our walks most contacts are with obstacles unseen for two seconds. The path ahead becomes
-urgent while the gaze is elsewhere. A look reduces its own reason at once: stale ground by its confidence, the path
+urgent while the gaze is elsewhere. Directions from which something may have come since the last look (`arrivals`) count
+also behind the range of the neck, where the body must turn. A look reduces its own reason at once: stale ground by its confidence, the path
 by the time since, landmarks by the reduction of the pose covariance.
 
 Source: Yoo 2010 (seed 001), section 3; seeking, urgency and the gain of landmarks are ours.
@@ -27,25 +28,26 @@ from perception.primitives.robot_model import DARWIN_OP, RobotModel
 
 from ..commands import GazeCommand
 from ..world_model import WorldModel
-from . import evaluations
+from . import arrivals, evaluations
 from .landmark_gain import gains
 from .priority import SEEK_MAX, nearness
 from .sampling import from_camera, in_body, region
 from .sampling import sample_region as sample_region
-from .selection import GazeMapConfig, in_view, shown
+from .selection import FIRST_IMAGE_S, GazeMapConfig, in_view, shown
 from .untracked_targets import UntrackedTargets
 
 # all ours, from walks in simulation
 EVERY = 3  # every third sample point is used; a fifth of the view still holds dozens
 WAY_M = 1.0  # distance of the floor of the next steps
 GROUND_M = 1.75  # stale ground counts up to the edge of the terrain map; seed 001: 1.3
-UNWATCHED_S = 2.0  # time without a look after which the path has its full weight
+UNWATCHED_S = 2.0  # ours: three steps; time without a look after which the path has its full weight
 URGENCY_MAX = 4.0  # largest factor of that weight
 WAY_FLOOR = 0.3  # least psi_way: in a crowd the path still counts
-SEEK_S = 1.0  # time out of sight after which a look for a moving obstacle is due
+SEEK_S = 1.0  # ours: two steps, rounded; time out of sight after which a look for a moving obstacle is due
 RECEDING = 0.5  # factor for a moving obstacle that goes away
 YOUNG_S = 3.0  # a track followed for less than this may still prove to move
 YOUNG_SHARE = 0.4  # factor for such a track
+TURN_MOST_S = 4.0  # ours: six steps, from the neck's end to straight behind; longest turn of the body for a look
 TURNED_BACK_S = 3.0  # out of sight for longer, an obstacle may have reversed
 EDGE_DEG = 12.0  # margin to the sides of the view, where clusters are cut off
 TAG_VIEW_DEG = 90.0  # seed 000: field of view of the colour camera, which sees the landmarks
@@ -55,7 +57,7 @@ TAG_BEARING_RAD = math.radians(
     0.4
 )  # standard deviation of a bearing: play of the head, roll of the gait
 TAG_DOUBT = 0.4  # factor of the trust in a landmark after a look without a sighting
-TAG_FORGET_S = 10.0  # time constant of the recovery of that trust
+TAG_FORGET_S = 10.0  # ours: a walk of some decimetres; time constant of the recovery of that trust
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,8 @@ class Attention:
         total: GM, [pan, tilt].
         psi_map, psi_self, psi_way: In [0, 1]; psi_way without its urgency.
         psi_obstacles: By track, the larger of psi_ob and the priority of a look for it.
+        turned: Worth of what a turn of the body to the left, and to the right, brings within the range of the neck, by
+            the time that it takes.
     """
 
     total: Float[np.ndarray, "rows columns"]
@@ -108,6 +112,7 @@ class Attention:
     psi_self: float
     psi_way: float
     psi_obstacles: dict[int, float]
+    turned: tuple[float, float]
 
 
 class AttentionModel:
@@ -123,6 +128,7 @@ class AttentionModel:
         self._trust: dict[int, float] = {}  # by landmark: probability that a look shows it
         self._untracked = UntrackedTargets(robot.eye_m)
         self._stamp_s = 0.0
+        self._fastest_mps = 0.0  # of the obstacles of this run
 
     def weigh(
         self,
@@ -150,8 +156,9 @@ class AttentionModel:
         there, owner = self._may_be(stamp_s, movers, pose)
         each = (gaze.obstacle_weight * psi / np.bincount(owner, minlength=len(movers)))[owner]
         new, worth = self._untracked.weigh(stamp_s, pose, known.clusters, obstacles)
-        places = np.concatenate([self._way(pose, via)[None], there, new])
-        values = np.concatenate([[value], each, gaze.obstacle_weight * worth])
+        ring, doubt = self._arrivals(obstacles, known)
+        places = np.concatenate([self._way(pose, via)[None], there, new, ring])
+        values = np.concatenate([[value], each, gaze.obstacle_weight * np.append(worth, doubt)])
         total = shown(places, values, self._narrow)
         stale, staleness = self._stale(known)
         psi_map = float(staleness.mean()) if len(stale) else 0.0
@@ -162,7 +169,8 @@ class AttentionModel:
         if len(tags):
             total += gaze.self_weight * psi_self * _normalised(shown(tags, due, self._wide))
         psi_movers = dict(zip((mover.track for mover in movers), psi.tolist(), strict=True))
-        return Attention(total, psi_map, psi_self, psi_way, psi_movers)
+        turned = self._by_a_turn(places, values)
+        return Attention(total, psi_map, psi_self, psi_way, psi_movers, turned)
 
     def decided(
         self,
@@ -180,6 +188,33 @@ class AttentionModel:
         there, owner = self._may_be(stamp_s, movers, pose)
         for k in owner[in_view(there, gaze, self._narrow)]:
             self._sought_s[movers[k].track] = stamp_s
+
+    def _arrivals(
+        self, obstacles: Sequence[Obstacle], known: GazeContext
+    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
+        """Places round the robot, relative to the camera, m, and the doubt about what may have come there."""
+        self._fastest_mps = arrivals.fastest(self._fastest_mps, obstacles)
+        if known.grid is None or known.confidence is None:
+            return np.zeros((0, 3)), np.zeros(0)
+        ring = np.column_stack([arrivals.RING, np.full(len(arrivals.RING), -self._robot.eye_m)])
+        cruise = self._robot.gait.cruise_mps
+        return ring, arrivals.doubts(
+            known.pose, known.grid, known.confidence, self._fastest_mps, cruise
+        )
+
+    def _by_a_turn(
+        self, places: Float[np.ndarray, "n 3"], values: Float[np.ndarray, "n"]
+    ) -> tuple[float, float]:
+        """Worth of the places beyond the neck's range, to the left and to the right, by the time of the turn."""
+        bearing = np.arctan2(places[:, 1], places[:, 0])
+        reach = math.radians(self._robot.head.pan_deg + self._narrow.across_deg / 2.0)
+        gait = self._robot.gait
+        found = []
+        for sense in (1.0, -1.0):
+            turn_s = ((sense * bearing) % (2.0 * math.pi) - reach) * gait.step_s / gait.max_turn_rad
+            beyond = (np.abs(bearing) > reach) & (turn_s < TURN_MOST_S)
+            found.append(float(values[beyond] @ (FIRST_IMAGE_S / (FIRST_IMAGE_S + turn_s[beyond]))))
+        return found[0], found[1]
 
     def _movers(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:
         return [o for o in obstacles if o.moving >= MOVING or o.seen_s - o.since_s < YOUNG_S]

@@ -51,6 +51,8 @@ POLICIES = {
 }
 """Our policies: name to class."""
 
+TURN_WORTH = 0.4  # ours: worth of the steps that a turn of the body for a look costs
+
 AHEAD = GazeCommand(0.0, math.radians(TILT_DEG))
 
 LIVE_MAP = GazeMapConfig(
@@ -85,7 +87,8 @@ class GazeConfig:
 class GazePolicy(Protocol):
     """Chooses one gaze per footstep.
 
-    A policy that surveys its surroundings first, while the robot stands, has `surveying` and `survey()` too.
+    A policy that surveys its surroundings first, while the robot stands, has `surveying` and `survey()` too; one that
+    wants the body to turn has `turning`.
     """
 
     def next(
@@ -125,6 +128,11 @@ class GazeControl:
     def surveying(self) -> bool:
         """Whether a survey is under way; the robot should stand meanwhile."""
         return bool(getattr(self.policy, "surveying", False))
+
+    @property
+    def turning(self) -> int:
+        """Where the body should turn for a look beyond the range of the neck: 1 left, -1 right, 0 nowhere."""
+        return int(getattr(self.policy, "turning", 0))
 
     @property
     def valued(self) -> DirectionMap | None:
@@ -239,6 +247,8 @@ class EvaluationGaze:
         self._present = AHEAD
         self.attention: Attention | None = None
         """The evaluations of the last decision; None if another policy made it."""
+        self.turning = 0
+        """Where the body should turn for a look beyond the range of the neck: 1 left, -1 right, 0 nowhere."""
 
     @property
     def surveying(self) -> bool:
@@ -265,17 +275,25 @@ class EvaluationGaze:
         known: GazeContext | None = None,
     ) -> GazeCommand:
         """The best direction of the gaze map for the time that the head takes to get there."""
-        self.attention = None
+        self.attention, self.turning = None, 0
         if known is None or self._sweep.surveying:
             gaze = self._sweep.next(stamp_s, robot, via, obstacles)
         else:
             self.attention = self._model.weigh(stamp_s, via, obstacles, known, self._present)
             soon = self._by_time(self.attention.total)
             gaze = select(soon, self._present, self._present, self._model.config)
+            self._consider_turn(float(soon.max()))
         self._present = turned(self._present, gaze, self._head)
         if known is not None:
             self._model.decided(stamp_s, self._present, via, obstacles, known.pose)
         return gaze
+
+    def _consider_turn(self, best: float) -> None:
+        """Turn the body if that shows more, by the time that it takes, than the best direction of the head and the way."""
+        assert self.attention is not None
+        left, right = self.attention.turned
+        if max(left, right) > best + TURN_WORTH:
+            self.turning = 1 if left >= right else -1
 
     def _by_time(
         self, total: Float[np.ndarray, "rows columns"]

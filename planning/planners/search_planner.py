@@ -7,6 +7,7 @@ policy chooses where to look.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from functools import cache
@@ -156,9 +157,12 @@ class SearchPlanner:
         """The step before the guard checks it, and why."""
         if self.gaze.surveying:
             return WalkCommand(), "survey"
+        gait = self._robot.gait
+        if self.gaze.turning:
+            turn = math.copysign(gait.max_turn_rad, self.gaze.turning)
+            return footsteps.limited_step(gait, 0.0, 0.0, turn), "look behind"
         if self._goals.turning and self._goals.heading is not None:
             x, y, yaw = (float(v) for v in pose.mean)
-            gait = self._robot.gait
             return footsteps.footstep(self._goals.heading, 0.0, Pose2(x, y, yaw), gait), "walk"
         if self._route.path is None:
             return WalkCommand(), "blocked"

@@ -2,7 +2,8 @@
 
 Every seed is another furnished home, body and set of moving obstacles. Several localisers process the same walk of ten
 metres: with tags and registration; with registration alone (no markers, so that the start is the origin); by dead
-reckoning alone; and, on every fifth seed, with faulty inputs, and with tags alone together with a fixed-lag smoother.
+reckoning alone; and, on every fifth seed, with faulty inputs, and with tags alone together with a fixed-lag smoother. Every fifth
+seed is also walked with all errors of body, sensors and tags half and one and a half times as large.
 
 NEES are per degree of freedom: 1 if consistent. Errors within a run are correlated, so each run counts as one sample of
 its mean; the band contains the mean of that many samples with 95 % probability.
@@ -32,6 +33,7 @@ from .localisation_walk import WalkInstant, walk
 
 FAULTY_EVERY = 5  # one seed in five
 LOST_S, DARK_S, JUMP_M, LATE_S, OUTLIERS = 40.0, 10.0, 0.5, 0.05, 0.3
+NOISE = (0.5, 1.5)  # of body and sensors, in the noise that the localiser was made for
 CUTOFF_M, ORDER = 0.5, 2.0
 FAULTS = ("outliers", "blackout", "jump", "clock")
 
@@ -65,6 +67,22 @@ def one_walk(seed: int, body: str = "kinematic") -> Figures:
         found["filter_rmse_m"] = rms(runs["tags"].position_m)
         found["fixed_lag_rmse_m"] = rms(trials.fixed_lag_errors(runs["tags"], marks, config))
     return found
+
+
+def noisy_walk(seed: int, body: str, factor: float) -> Figures:
+    """NEES of one seed whose body and sensors have another noise than the localiser was made for."""
+    config = on_body(Config(), body)
+    scene = catalogue.load("home", seed)
+    rng = np.random.default_rng([seed, 52])
+    runs = {
+        name: trials.make_trial(scene.start, scene.landmarks, config, rng, landmarks=tags)
+        for name, tags in (("pose", True), ("no_landmarks", False))
+    }
+    tracking = TrackerTrial(config)
+    for instant in walk(seed, config, factor):
+        if not instant.fell:
+            step(instant, runs, tracking)
+    return {f"anees_{name}_noise_{factor}": mean(one.nees) for name, one in runs.items()}
 
 
 def faults(rng: np.random.Generator) -> dict[str, Fault]:
@@ -118,7 +136,21 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     found = run_all(one_walk, [(seed, body) for seed in range(seeds)], say, "walks")
     fallen = [seed for seed, one in enumerate(found) if one["falls"]]
     lines = [f"seed {seed} fell" for seed in fallen]
-    return Outcome(combine(found) | {"falls": float(len(fallen))}, [*_table(found), *lines])
+    todo = [(seed, body, factor) for factor in NOISE for seed in range(0, seeds, FAULTY_EVERY)]
+    noisy = noise_figures(run_all(noisy_walk, todo, say, "walks with another noise"))
+    lines += [f"{name}: {value:.2f}" for name, value in noisy.items()]
+    figures = combine(found) | noisy | {"falls": float(len(fallen))}
+    return Outcome(figures, [*_table(found), *lines])
+
+
+def noise_figures(found: list[Figures]) -> Figures:
+    """Means over the walks of each factor of the noise, the least and the largest."""
+    names = dict.fromkeys(name for one in found for name in one)
+    figures = {name: mean([one[name] for one in found if name in one]) for name in names}
+    return figures | {
+        "noise_anees_min": min(figures.values()),
+        "noise_anees_max": max(figures.values()),
+    }
 
 
 def combine(found: list[Figures]) -> Figures:
@@ -191,6 +223,8 @@ EXPERIMENT = Experiment(
         "fixed_lag_over_filter": Target("<", 1.0),
         "faults_anees_max": Target("<", 3.0),
         "faults_end_max_m": Target("<=", 0.10),
+        "noise_anees_min": Target(">=", 0.4),
+        "noise_anees_max": Target("<=", 2.0),
     },
     seeds=50,
 )

@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from perception.primitives.frame import Frame
 from perception.primitives.landmark import Sighting
 from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import GazeCommand, WalkCommand
+from sim.body.head import HeadConfig
+from sim.body.inertial import ImuConfig
+from sim.body.kinematic import SlipConfig, SwayConfig
 from sim.free_space import clearance_map
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.scene import Scene
@@ -36,6 +40,8 @@ from sim.world import World
 
 from ...config.schema import Config
 from ..support.tag_sensor import TagNoise, TagSensor
+
+Noisy = TypeVar("Noisy", SlipConfig, SwayConfig, ImuConfig, HeadConfig, TofConfig, TagNoise)
 
 LENGTH_M = 10.0
 MAX_FRAMES = 900  # including waiting for moving obstacles
@@ -131,7 +137,7 @@ def scaled_noise(robot: RobotConfig, factor: float) -> tuple[RobotConfig, TagNoi
     ), _times(tags, factor, "corner_px", "grow_px", "lower_px")
 
 
-def _times(config: C, factor: float, *names: str) -> C:
+def _times(config: Noisy, factor: float, *names: str) -> Noisy:
     """The same configuration with these numbers times a factor."""
     return replace(config, **{name: factor * getattr(config, name) for name in names})
 

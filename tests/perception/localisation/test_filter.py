@@ -58,13 +58,15 @@ class Walker:
     standard deviation. Two frames a step; the robot stands for the first six.
     """
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, noise: float = 1.0) -> None:
+        """Every error times `noise`; sightings claim what they have at 1."""
         self.rng = np.random.default_rng(seed)
         self.true = Pose2()
-        self.drift = self.rng.uniform(-0.2, 0.2) * DEG
-        self.gyro_bias = self.rng.normal() * 0.005
-        self.pan_offset = self.rng.normal() * 0.3 * DEG
-        self.common = self.rng.normal() * 0.7
+        self.noise = noise
+        self.drift = noise * self.rng.uniform(-0.2, 0.2) * DEG
+        self.gyro_bias = noise * self.rng.normal() * 0.005
+        self.pan_offset = noise * self.rng.normal() * 0.3 * DEG
+        self.common = noise * self.rng.normal() * 0.7
         self.lateral_slip = 0.0  # m a step to the left
         self.frame = 0
 
@@ -75,7 +77,7 @@ class Walker:
         slip = Pose2()
         if steps:
             told = Pose2(0.0225, 0.0, 3.0 * DEG * math.sin(self.frame / 20))
-            root = math.sqrt(steps)
+            root = self.noise * math.sqrt(steps)
             slip = Pose2(
                 -0.0012 * steps + 0.0015 * root * self.rng.normal(),
                 self.lateral_slip * steps + 0.0006 * root * self.rng.normal(),
@@ -83,21 +85,21 @@ class Walker:
             )
         now = self.true @ told @ slip
         rate = wrap_angle(now.yaw - self.true.yaw) / dt
-        rate += self.gyro_bias + 0.002 * self.rng.normal()
+        rate += self.gyro_bias + 0.002 * self.noise * self.rng.normal()
         self.true = now
         self.frame += 1
         return StepOdometry(told, steps), Imu(np.array([0.0, 0.0, rate]), GRAVITY), dt
 
     def look(self, reach_m: float = 2.5) -> list[Sighting]:
         """Landmarks ahead, all with the same pan error."""
-        pan = self.pan_offset + 0.4 * DEG * self.rng.normal()
+        pan = self.pan_offset + 0.4 * DEG * self.noise * self.rng.normal()
         seen = []
         for mark in MARKS:
             r, b = models.range_bearing(self.true.vector, np.array([mark.position[:2]]))
             if r < reach_m and abs(b) < 0.9:
                 P = np.diag([(0.01 * r) ** 2, (0.4 * DEG) ** 2 + 0.001**2])
-                long = 0.01 * r * (self.common + self.rng.normal())
-                noise = [long, pan + 0.001 * self.rng.normal()]
+                long = 0.01 * r * (self.common + self.noise * self.rng.normal())
+                noise = [long, pan + 0.001 * self.noise * self.rng.normal()]
                 seen.append(Sighting(mark.identity, np.array([r, b]) + noise, P))
         return seen
 
@@ -112,9 +114,11 @@ def walk(
     gyro: bool = True,
     spoil: Spoil | None = None,
     config: LocaliserConfig | None = None,
+    noise: float = 1.0,
+    reach_m: float = 2.5,
 ) -> Walk:
     """Walk and filter; `spoil` may change the sightings of a frame."""
-    walker = Walker(seed)
+    walker = Walker(seed, noise)
     start = walker.rng.multivariate_normal(walker.true.vector, STARTING)
     robot = PoseFilter(Gaussian(start, STARTING), MARKS, config)
     errors, covariances, reports = [], [], []
@@ -122,7 +126,7 @@ def walk(
         odometry, imu, dt = walker.step()
         robot.predict(odometry, imu if gyro else None, dt)
         if landmarks:
-            seen = walker.look()
+            seen = walker.look(reach_m)
             reports.append(robot.update(spoil(k, seen, walker.rng) if spoil else seen))
         error = robot.pose.mean - walker.true.vector
         error[2] = wrap_angle(float(error[2]))
@@ -141,6 +145,22 @@ def test_with_landmarks_the_error_agrees_with_the_covariance(walks):
     assert low < np.mean([w.nees.mean() for w in walks]) < high
     at_the_end = np.mean([w.nees[-1] for w in walks])
     assert low < at_the_end < high
+
+
+@pytest.mark.parametrize("noise", [0.5, 1.5])
+def test_noise_that_is_half_or_one_and_a_half_times_as_large_is_learnt(noise):
+    """Of steps, gyro and sightings; the claimed covariance would make the NEES .25 or 2.25 per degree of freedom."""
+    runs = [walk(seed, frames=200, noise=noise, reach_m=6.0) for seed in range(6)]
+    assert 0.4 < np.mean([w.nees[100:].mean() for w in runs]) / 3.0 < 2.0
+    learnt = (
+        np.mean([w.filter.noise.step_x_sigma_m for w in runs]) / LocaliserConfig().step_x_sigma_m
+    )
+    assert learnt < 0.85 if noise < 1.0 else learnt > 1.1
+
+
+def test_noise_that_is_as_claimed_stays_so(walks):
+    learnt = [w.filter.noise.gyro_sigma_radps for w in walks]
+    assert np.mean(learnt) == pytest.approx(LocaliserConfig().gyro_sigma_radps, rel=0.1)
 
 
 def test_with_landmarks_the_position_error_is_centimetres(walks):
