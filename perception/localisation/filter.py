@@ -2,8 +2,8 @@
 
 The state holds, beside the pose, the errors that are constant within a run (see `filtering.models`), so that
 landmarks estimate them. The gyro measures the turn since the previous frame. The landmarks of one frame are
-used in one update, because they share the pan error of the head. How large the noise is, of steps and sightings
-together, is learnt from the innovations, since another body slips otherwise. The sigma points are those of `ukf_engines`
+used in one update, because they share the pan error of the head. How large the noise of steps and of sightings is,
+is learnt from the innovations (`noise_factor`). The sigma points are those of `ukf_engines`
 and the noise that of `localiser_noise`; this module has the gating, the data association and the recovery.
 
 Source: seed 001, section 3, eq. (2) (sigma-point filter).
@@ -20,13 +20,14 @@ import numpy as np
 
 from ..filtering import models
 from ..filtering.consistency import Innovation, chi_square_quantile
-from ..filtering.models import YAW, X, Y
+from ..filtering.models import GYRO_BIAS, TURN, YAW, X, Y
 from ..primitives.errors import ConfigError
 from ..primitives.frame import Imu, StepOdometry
 from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Landmark, Sighting
 from ..primitives.pose import Pose2
 from .localiser_noise import LocaliserConfig, joint_noise, process_noise, range_sigmas
+from .noise_factor import NoiseFactor
 from .relocalisation import pose_from_sightings
 from .ukf_engines import ukf_engine
 
@@ -35,10 +36,8 @@ log = logging.getLogger(__name__)
 GATE_PROBABILITY = 0.999  # ours: share of correct sightings inside the gate
 RECOVERY_SIGMA_M = 0.15  # ours: added to the position when most sightings are rejected
 RECOVERY_SIGMA_RAD = math.radians(8.0)  # ours: added to the heading then
-LEARN_SHARE = 0.04  # ours: weight of one sighting in what is learnt of the noise; some tens decide
-LEAST_NIS = 0.5  # ours: below this, per degree of freedom, the noise is claimed too large; down to it an innovation may
-# lack errors that last through many frames, such as those of the neck's zero and of a tag's size
-LEAST_NOISE, MOST_NOISE = 0.3, 3.0  # ours: bounds of the factor of its standard deviations
+STEPS_LEAST_NIS = 0.8  # ours: nearly all that a step errs by is new
+SIGHTINGS_LEAST_NIS = 0.5  # ours: half of what a sighting errs by lasts through many frames
 
 
 @dataclass(frozen=True)
@@ -80,8 +79,8 @@ class PoseFilter:
         self._positions = {mark.identity: np.array(mark.position[:2]) for mark in landmarks}
         self._gate = chi_square_quantile(GATE_PROBABILITY, 2)
         self._frames_rejected = 0
-        self._factor = 1.0  # of all standard deviations of the noise
-        self._nis = 0.7  # mean of the innovations, normalised and squared, per degree of freedom
+        self._steps_factor = NoiseFactor(STEPS_LEAST_NIS)
+        self._sightings_factor = NoiseFactor(SIGHTINGS_LEAST_NIS)
         self._ukf = ukf_engine(self.config.engine, self.config.initial_state(start))
 
     @property
@@ -93,7 +92,7 @@ class PoseFilter:
     @property
     def noise(self) -> LocaliserConfig:
         """The noise as far as it is learnt."""
-        return self.config.times(self._factor)
+        return self.config.times(self._steps_factor.value, self._sightings_factor.value)
 
     @property
     def pose2(self) -> Pose2:
@@ -130,6 +129,8 @@ class PoseFilter:
         self._ukf.predict(motion, steps, noise)
         if imu is not None and dt > 0.0 and _finite(imu.angular_velocity, 0.0):
             turn = float(imu.angular_velocity[2]) * dt
+            if steps > 0.0:
+                self._learn_from_gyro(turn, config.gyro_sigma_radps * dt, dt)
             self._ukf.update_turn(turn, config.gyro_sigma_radps * dt, dt)
 
     def update(self, sightings: Sequence[Sighting]) -> UpdateReport:
@@ -149,7 +150,9 @@ class PoseFilter:
                 accepted.append((sighting, position))
         if accepted:
             self._update(accepted)
-            self._learn_noise(innovations)
+            for one in innovations:
+                if one.nis <= self._gate:
+                    self._sightings_factor.learn(one.nis / 2.0)
         if 2 * len(accepted) > len(innovations):
             self._frames_rejected = 0
         elif innovations:
@@ -178,7 +181,7 @@ class PoseFilter:
         (sigma_m,) = range_sigmas([sighting]).tolist()
         expected = self._ukf.expected(position, sigma_m)
         difference = models.sighting_difference(sighting.measured, expected.mean)
-        own = self._factor**2 * sighting.covariance
+        own = self._sightings_factor.value**2 * sighting.covariance
         covariance = models.positive(expected.covariance + own)
         return Innovation.of(sighting.identity, difference, covariance)
 
@@ -186,20 +189,20 @@ class PoseFilter:
         measured = np.concatenate([sighting.measured for sighting, _ in accepted])
         positions = np.array([position for _, position in accepted])
         noise = joint_noise(
-            [self._factor**2 * sighting.covariance for sighting, _ in accepted],
+            [self._sightings_factor.value**2 * sighting.covariance for sighting, _ in accepted],
             self.noise.shared_bearing_sigma_rad,
         )
         sigmas = range_sigmas([sighting for sighting, _ in accepted])
         self._ukf.update(measured, noise, positions, sigmas)
 
-    def _learn_noise(self, innovations: Sequence[Innovation]) -> None:
-        """Scale the noise while the accepted innovations, in the mean, are larger or smaller than it explains."""
-        for one in innovations:
-            if one.nis <= self._gate:
-                self._nis += LEARN_SHARE * (one.nis / 2.0 - self._nis)
-                unexplained = self._nis / min(max(self._nis, LEAST_NIS), 1.0)
-                self._factor *= unexplained ** (LEARN_SHARE / 4.0)
-        self._factor = min(max(self._factor, LEAST_NOISE), MOST_NOISE)
+    def _learn_from_gyro(self, turn_rad: float, sigma_rad: float, dt: float) -> None:
+        """Compare the turn of a step with the gyro's, which is far more precise."""
+        state = self._ukf.state
+        P, entries = state.covariance, [TURN, GYRO_BIAS]
+        along = np.array([1.0, dt])
+        variance = float(along @ P[np.ix_(entries, entries)] @ along) + sigma_rad**2
+        off = turn_rad - float(along @ state.mean[entries])
+        self._steps_factor.learn(off**2 / variance)
 
     def _recover(self, sightings: Sequence[Sighting]) -> None:
         """After several rejected frames in a row: reset the pose, or inflate its covariance."""

@@ -47,10 +47,10 @@ NO_ODOMETRY_SIGMA_RAD = 0.4  # ours: likewise, about one turning step
 
 
 FRESH = (
-    *("step_x_sigma_m", "step_y_sigma_m", "step_yaw_sigma_rad", "gyro_sigma_radps"),
-    *("still_sigma_m", "still_sigma_rad", "shared_bearing_sigma_rad"),
+    *("step_x_sigma_m", "step_y_sigma_m", "step_yaw_sigma_rad"),
+    *("still_sigma_m", "still_sigma_rad", "gyro_sigma_radps"),
 )
-"""Settings of the noise that is new at each step or frame."""
+"""Settings of the noise that is new at every step."""
 
 
 @dataclass(frozen=True)
@@ -127,9 +127,11 @@ class LocaliserConfig:
                 f"localiser: rejected_frames={self.rejected_frames} must be at least 1"
             )
 
-    def times(self, factor: float) -> LocaliserConfig:
-        """The same with every standard deviation of what is new at each step or frame times a factor."""
-        return replace(self, **{name: factor * getattr(self, name) for name in FRESH})
+    def times(self, steps: float, sightings: float) -> LocaliserConfig:
+        """The same with the standard deviations of what is new at every step, and at every sighting, times factors."""
+        shared = sightings * self.shared_bearing_sigma_rad
+        fresh = {name: steps * getattr(self, name) for name in FRESH}
+        return replace(self, shared_bearing_sigma_rad=shared, **fresh)
 
     def initial_state(self, start: Gaussian) -> Gaussian:
         """The whole state at the start of a run, from a Gaussian over (x, y, yaw)."""

@@ -51,7 +51,7 @@ POLICIES = {
 }
 """Our policies: name to class."""
 
-TURN_WORTH = 0.4  # ours: worth of the steps that a turn of the body for a look costs
+TURN_WORTH = 0.5  # ours: worth of the steps that a turn of the body for a look costs
 
 AHEAD = GazeCommand(0.0, math.radians(TILT_DEG))
 

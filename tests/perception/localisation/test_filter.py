@@ -158,6 +158,16 @@ def test_noise_that_is_half_or_one_and_a_half_times_as_large_is_learnt(noise):
     assert learnt < 0.85 if noise < 1.0 else learnt > 1.1
 
 
+@pytest.mark.parametrize("noise", [0.5, 1.5])
+def test_the_noise_of_steps_is_learnt_from_the_gyro_alone(noise):
+    runs = [walk(seed, frames=120, landmarks=False, noise=noise) for seed in range(8)]
+    learnt = (
+        np.mean([w.filter.noise.step_x_sigma_m for w in runs]) / LocaliserConfig().step_x_sigma_m
+    )
+    assert learnt == pytest.approx(noise, abs=0.25)
+    assert 0.4 < np.mean([w.nees[60:].mean() for w in runs]) / 3.0 < 2.0
+
+
 def test_noise_that_is_as_claimed_stays_so(walks):
     learnt = [w.filter.noise.gyro_sigma_radps for w in walks]
     assert np.mean(learnt) == pytest.approx(LocaliserConfig().gyro_sigma_radps, rel=0.1)
