@@ -131,7 +131,7 @@ class Track:
         self._habits = Habits(config.speed_sigma_mps)
         self._first_x, self._first_y = x[0, :2].tolist()
         self._first_radius_m = seen.radius_m
-        self._travelled = self._age_s = 0.0
+        self._travelled = self._watched_s = 0.0
         self._gone = self._going()
         self._state: Gaussian | None = None
         self._motion: Motion | None = None
@@ -149,8 +149,8 @@ class Track:
         """
         may = 1.0 - float(self._belief.w[STILL])
         far = TRAVEL_SHARE * self.radius_m
-        left = min(1.0, self._travelled / max(min(far, SLOW_MPS * self._age_s), 1e-6))
-        early = max(1.0 - SLOW_MPS * self._age_s / max(far, 1e-6), 0.0)
+        left = min(1.0, self._travelled / max(min(far, SLOW_MPS * self._watched_s), 1e-6))
+        early = max(1.0 - SLOW_MPS * self._watched_s / max(far, 1e-6), 0.0)
         found = may * left + early * min(may, self.config.moving_prior) * (1.0 - left)
         return found if self._proven else min(found, UNSURE)
 
@@ -187,7 +187,6 @@ class Track:
         The motion is linear, so matrices give the same result as sigma points.
         """
         self._look_from(robot)
-        self._age_s += dt
         belief = self._belief
         if dt > 0.0:
             rates, fresh = self._rates(), self._habits.fresh
@@ -226,6 +225,7 @@ class Track:
         for m in range(MODES):
             self._learn(x[m], P[m], position, noise)
         self._habits.learn(w, self._gone[0][VELOCITY], self._unseen_s, self._proven)
+        self._watched_s += self._unseen_s
         self._unseen_s = 0.0
         self._gone = self._going()
         self._state = self._motion = self._expected = None
