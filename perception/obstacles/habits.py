@@ -13,14 +13,14 @@ from jaxtyping import Float
 
 from ._track_kernels import CURVING, MODES, PAUSING, STILL, STRAIGHT, TURNED
 
-# All ours: mean times in a mode, s.
-STILL_S = 60.0  # until a still obstacle goes, before it has stood
-PARKED_S = 10.0  # of standing after which a pausing obstacle is still
-PAUSE_S = 3.0  # until a pausing obstacle goes on, before any pause is seen
-HABIT_S = 15.0  # until a moving obstacle turns, and until it pauses, before it has shown either
-CURVE_S = 10.0  # between straight and curving, if it does both as often
-SETTLE_S = 1.0  # until a new velocity counts as straight or curving
-SPEED_S = 5.0  # time in motion that the prior speed is worth
+# mean times in a mode, s
+STILL_S = 60.0  # ours: a wide prior; until a still obstacle goes, before it has stood
+PARKED_S = 10.0  # ours: a wide prior; of standing after which a pausing obstacle is still
+PAUSE_S = 3.0  # ours: a wide prior; until a pausing obstacle goes on, before any pause is seen
+HABIT_S = 15.0  # ours: a wide prior; until a moving obstacle turns, and until it pauses, before it has shown either
+CURVE_S = 10.0  # ours: a wide prior; between straight and curving, if it does both as often
+SETTLE_S = 1.0  # ours: a wide prior; until a new velocity counts as straight or curving
+SPEED_S = 5.0  # ours: a wide prior; time in motion that the prior speed is worth
 CURVES_PER_S = 0.2  # ours: growth of the variance of the velocity while curving, in shares of its mean square speed
 STRAIGHT_M2PS3 = 5e-6  # ours: power density of the acceleration while straight: 7 mm/s after 10 s
 LONGEST_S = 1.0  # ours: a detection tells of so much of the time since the one before
