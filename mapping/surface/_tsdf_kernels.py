@@ -91,7 +91,7 @@ def rehash(places: np.ndarray, count: int, keys: np.ndarray, values: np.ndarray)
         keys[slot], values[slot] = key, number
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def touch(
     z: np.ndarray,
     x: np.ndarray,
@@ -159,7 +159,7 @@ def touch(
     return count, seen
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def integrate(
     z: np.ndarray,
     sigma: np.ndarray,

@@ -20,8 +20,8 @@ from .tsdf_config import TsdfConfig, check
 class Open3dMap:
     """A surface map like `Tsdf`, with equal weights of all pixels."""
 
-    def __init__(self, config: TsdfConfig | None = None) -> None:
-        """An empty map."""
+    def __init__(self, config: TsdfConfig | None = None, block: int = 16) -> None:
+        """An empty map of blocks with that many voxels along a side."""
         import open3d
 
         self.config = config or TsdfConfig()
@@ -33,7 +33,7 @@ class Open3dMap:
             (core.float32, core.float32, core.float32),
             ((1), (1), (3)),
             self.config.voxel_m,
-            16,
+            block,
             20000,
             core.Device("CPU:0"),
         )

@@ -69,12 +69,15 @@ def match(
     """
     height, width = found.shape
     padded = width + 2 * RADIUS
-    sums = np.zeros((disparities, padded), np.int16)  # of each column of the block
     row = np.full((disparities, width + disparities), NEVER, np.int16)  # costs of one image row
-    threes, back = np.empty(padded, np.int16), np.empty(width, np.int16)
+    column, threes = np.empty(padded, np.int16), np.empty(padded, np.int16)
+    back = np.empty(width, np.int16)
     for d in range(disparities):
+        column[:] = 0
         for k in range(SIDE):
-            _add(sums[d, d:], left[k, d:], right[k])
+            _add(column[d:], left[k, d:], right[k])
+        row[d, d:width] = 0
+        _box(column[d:], threes, row[d, d:width])
     for y in range(height):
         new, old = y + SIDE - 1, y - 1
         best = costs[y, 1]
@@ -82,10 +85,9 @@ def match(
         back[:] = NEVER
         for first in range(0, disparities, 8):  # while the costs are in the cache
             for d in range(first, first + 8):
-                column = sums[d, d:]
                 if y > 0:
-                    _roll(column, left[new, d:], right[new], left[old, d:], right[old])
-                _box(column, threes, row[d, d:width])
+                    _change(column[d:], left[new, d:], right[new], left[old, d:], right[old])
+                    _box(column[d:], threes, row[d, d:width])
             if not given:
                 _least(row, first, best)
             _least_back(row, first, back)
@@ -103,27 +105,27 @@ def _add(column: np.ndarray, left: np.ndarray, right: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def _roll(
+def _change(
     column: np.ndarray, left: np.ndarray, right: np.ndarray, left0: np.ndarray, right0: np.ndarray
 ) -> None:
-    """Add a new row of pixels to the column sums and remove the oldest one."""
+    """Change of the sum of each column of the block: a new row of pixels comes, the oldest one leaves."""
     for i in range(column.size):
         a, b, a0, b0 = left[i], right[i], left0[i], right0[i]
         comes = a - b if a > b else b - a
         leaves = a0 - b0 if a0 > b0 else b0 - a0
-        column[i] = column[i] + comes - leaves
+        column[i] = comes - leaves
 
 
 @njit(cache=True)
 def _box(column: np.ndarray, threes: np.ndarray, out: np.ndarray) -> None:
-    """Sums of nine neighbours, built from sums of three."""
+    """Add sums of nine neighbours, built from sums of three."""
     n = out.size
     second, third = column[1:], column[2:]
     for i in range(n + SIDE - 3):
         threes[i] = column[i] + second[i] + third[i]
     a, b = threes[3:], threes[6:]
     for i in range(n):
-        out[i] = threes[i] + a[i] + b[i]
+        out[i] += threes[i] + a[i] + b[i]
 
 
 @njit(cache=True)
@@ -189,13 +191,13 @@ def _rival(row: np.ndarray, place: np.ndarray, away: np.ndarray) -> None:
 @njit(cache=True)
 def _gather(row: np.ndarray, place: np.ndarray, back: np.ndarray, costs: np.ndarray) -> None:
     """Copy the costs about the best disparity of each pixel, and those of its match in the right image."""
-    stride = row.shape[1]
-    last, flat = (row.shape[0] - 1) * stride, row.ravel()
+    stride = np.uintp(row.shape[1])
+    last, flat = np.uintp(row.shape[0] - 1) * stride, row.ravel()
     lower, here, higher, mutual = costs[0], costs[1], costs[2], costs[4]
     for x in range(place.size):
-        d = np.int64(place[x])
-        start = d * stride
-        lower[x] = flat[start - stride + x] if start > 0 else NEVER
-        here[x] = flat[start + x]
-        higher[x] = flat[start + stride + x] if start < last else NEVER
-        mutual[x] = back[x - d] if d <= x else NEVER
+        start = np.uintp(place[x]) * stride
+        at = start + np.uintp(x)
+        lower[x] = flat[at - stride] if start > 0 else NEVER
+        here[x] = flat[at]
+        higher[x] = flat[at + stride] if start < last else NEVER
+        mutual[x] = back[x - place[x]] if place[x] <= x else NEVER

@@ -152,10 +152,13 @@ def disparity(view: StereoView, config: StereoConfig | None = None) -> Disparity
         sigma,
     )
     known = np.isfinite(found)
-    if config.reliability == "ours":
-        return Disparity(found, _without_rims(reliability, known, config.least_reliability), sigma)
-    by_costs = published_stereo.reliability(matches.costs, config.uniqueness)
-    return Disparity(found, np.where(known, by_costs, np.float32(0.0)), sigma)
+    if config.reliability == "seed":
+        by_costs = published_stereo.reliability(matches.costs, config.uniqueness)
+        return Disparity(found, np.where(known, by_costs, np.float32(0.0)), sigma)
+    del (
+        matches
+    )  # its memory serves the next steps; giving it back and getting new takes as long as they
+    return Disparity(found, _without_rims(reliability, known, config.least_reliability), sigma)
 
 
 def _without_rims(
@@ -168,13 +171,14 @@ def _without_rims(
     end where no block has a `found` disparity, as at the image border.
     """
     around = cv2.blur(reliability, (AROUND_PX, AROUND_PX), borderType=cv2.BORDER_REFLECT)
-    reduced = reliability * np.minimum(around / np.float32(AROUND), np.float32(1.0))
+    np.minimum(np.divide(around, np.float32(AROUND), out=around), np.float32(1.0), out=around)
+    reduced = np.multiply(reliability, around, out=around)
     block = np.ones((SIDE, SIDE), np.uint8)
     beyond = cv2.morphologyEx((~found).astype(np.uint8), cv2.MORPH_OPEN, block)
     region = beyond | (reduced >= np.float32(max(least, 1e-6)))
     region = cv2.morphologyEx(region, cv2.MORPH_CLOSE, np.ones((HOLES_PX, HOLES_PX), np.uint8))
     inside = cv2.erode(region, block).view(np.bool_)
-    return np.where(inside, reduced, np.float32(0.5 * least) * reduced)
+    return np.multiply(reduced, np.float32(0.5 * least), out=reduced, where=~inside)
 
 
 def depth(view: StereoView, config: StereoConfig | None = None) -> Depth:

@@ -24,7 +24,7 @@ def coast(
         wide[2, k], wide[3, k] = root[2, k], root[3, k]
         for j in range(4):
             wide[j, 4 + k] = noise_root[j, k]
-    lower(wide, 4, 8)
+    lower(wide, 4, 4, 8, 5)
     x, y = mean[0] + dt * mean[2], mean[1] + dt * mean[3]
     if not (math.isfinite(x) and math.isfinite(y) and all_finite(mean, wide, 4, 4)):
         return False
@@ -33,6 +33,46 @@ def coast(
         for k in range(j + 1):
             root[j, k] = wide[j, k]
     return True
+
+
+@njit(cache=True)
+def see_position(
+    mean: np.ndarray,
+    root: np.ndarray,
+    measured: np.ndarray,
+    noise_root: np.ndarray,
+    wide: np.ndarray,
+) -> int:
+    """Update by a measured position (2,), and return the status as in `corrected`; linear, so it acts on the root itself.
+
+    The columns of the root that belong to the velocity alone do not change.
+
+    Args:
+        mean, root: (4,) and (4, 4), changed.
+        measured, noise_root: (2,) and (2, 2), lower.
+        wide: (6, 4), scratch.
+    """
+    for k in range(2):
+        for j in range(2):
+            wide[j, k] = noise_root[j, k]
+            wide[j, 2 + k] = root[j, k]
+        for j in range(4):
+            wide[2 + j, k] = 0.0
+            wide[2 + j, 2 + k] = root[j, k]
+    lower(wide, 4, 6, 4, 4)
+    ahead = (measured[0] - mean[0]) / wide[0, 0]
+    left = (measured[1] - mean[1] - wide[1, 0] * ahead) / wide[1, 1]
+    total = ahead * ahead + left * left
+    for j in range(6):
+        for k in range(4):
+            total += abs(wide[j, k])
+    if not math.isfinite(total):
+        return -1
+    for j in range(4):
+        mean[j] += wide[2 + j, 0] * ahead + wide[2 + j, 1] * left
+        for k in range(min(j + 1, 2)):
+            root[j, k] = wide[2 + j, 2 + k]
+    return 1
 
 
 @njit(cache=True)
@@ -63,7 +103,7 @@ def step_movers(
     points, seen, wide = np.empty((9, 4)), np.empty((9, 2)), np.empty((6, 13))
     away, work, noise_root = np.empty((2, 6)), np.empty((6, 6)), np.empty((4, 4))
     seen_root, innovation, angles = np.zeros((2, 2)), np.empty(2), np.zeros(6, np.bool_)
-    angles[5] = polar
+    angles[5], narrow = True, np.empty((6, 4))
     reach, weights_mean, weights = sigma_points
     if not root_of(noise, 4, noise_root):
         return status
@@ -73,15 +113,14 @@ def step_movers(
             continue
         if not root_of(measured_noise[i], 2, seen_root):
             continue
+        if not polar:
+            status[i] = see_position(mean, root, measured[i], seen_root, narrow)
+            continue
         draw(mean, root, reach, points)
         for k in range(9):
-            x, y = points[k, 0], points[k, 1]
-            if polar:
-                x, y = x - viewpoint[0], y - viewpoint[1]
-                seen[k, 0] = math.hypot(x, y)
-                seen[k, 1] = wrapped(math.atan2(y, x) - viewpoint[2])
-            else:
-                seen[k, 0], seen[k, 1] = x, y
+            x, y = points[k, 0] - viewpoint[0], points[k, 1] - viewpoint[1]
+            seen[k, 0] = math.hypot(x, y)
+            seen[k, 1] = wrapped(math.atan2(y, x) - viewpoint[2])
         status[i], _ = corrected(
             points,
             seen,

@@ -51,15 +51,22 @@ def root_of(matrix: np.ndarray, size: int, root: np.ndarray) -> bool:
     return True
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})  # sums in any order; NaN stays NaN
-def lower(wide: np.ndarray, rows: int, columns: int) -> None:
-    """Reduce a wide matrix (rows, columns) to a lower one with the same M M^T, in place.
+@njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})  # NaN stays NaN
+def lower(wide: np.ndarray, pivots: int, rows: int, columns: int, filled: int) -> None:
+    """Reduce the first rows of a matrix to lower ones with the same M M^T, in place.
 
     Householder reflections from the right, row by row. Diagonals are positive and not below the resolution.
+
+    Args:
+        wide: At least (rows, columns).
+        pivots: Number of rows to reduce.
+        rows, columns: Size of the matrix.
+        filled: Columns of the first row behind which it is zero; one more for every further row.
     """
-    for i in range(rows):
+    for i in range(pivots):
+        end = min(filled + i, columns)
         norm = 0.0
-        for c in range(i + 1, columns):
+        for c in range(i + 1, end):
             norm += wide[i, c] * wide[i, c]
         if norm > 0.0:
             head = wide[i, i]
@@ -68,14 +75,14 @@ def lower(wide: np.ndarray, rows: int, columns: int) -> None:
             beta = 2.0 / (pivot * pivot + norm)
             for r in range(i + 1, rows):
                 dot = wide[r, i] * pivot
-                for c in range(i + 1, columns):
+                for c in range(i + 1, end):
                     dot += wide[r, c] * wide[i, c]
                 dot *= beta
                 wide[r, i] -= dot * pivot
-                for c in range(i + 1, columns):
+                for c in range(i + 1, end):
                     wide[r, c] -= dot * wide[i, c]
             wide[i, i] = -length if head >= 0.0 else length
-            for c in range(i + 1, columns):
+            for c in range(i + 1, end):
                 wide[i, c] = 0.0
         if wide[i, i] < 0.0:
             for r in range(i, rows):
@@ -83,9 +90,9 @@ def lower(wide: np.ndarray, rows: int, columns: int) -> None:
         before = 0.0
         for c in range(i):
             before += wide[i, c] * wide[i, c]
-        least = max(SHARE * math.sqrt(before), LEAST)
-        if not wide[i, i] >= least:
-            wide[i, i] = least
+        diagonal = wide[i, i]
+        if not (diagonal * diagonal >= SHARE * SHARE * before and diagonal >= LEAST):
+            wide[i, i] = max(SHARE * math.sqrt(before), LEAST)
 
 
 @njit(cache=True)
@@ -190,7 +197,7 @@ def predicted(
     for j in range(size):
         for k in range(size):
             wide[j, count - plus + k] = noise_root[j, k]
-    lower(wide, size, count - plus + size)
+    lower(wide, size, size, count - plus + size, count - plus + size)
     if plus:
         take_away(wide, size, away[0], work)
     if not all_finite(fresh, wide, size, size):
@@ -262,7 +269,7 @@ def corrected(
             wide[j, count - plus + k] = noise_root[j, k]
         for j in range(size):
             wide[width + j, count - plus + k] = 0.0
-    lower(wide, width + size, columns)
+    lower(wide, width + size, width + size, columns, columns)
     if plus:
         take_away(wide, width + size, away[0], work)
     squared, log_density = 0.0, -0.5 * width * math.log(2.0 * math.pi)

@@ -8,6 +8,9 @@ import numpy as np
 
 from ..primitives.compiled import njit
 
+RUN = 64
+"""Pixels that are looked at together; few of these runs have an edge."""
+
 
 class Limits(NamedTuple):
     """Limits of value and saturation, 0 to 255, and the chroma below which a pixel has no hue."""
@@ -74,13 +77,19 @@ def mark_edges(ground: np.ndarray, edges: np.ndarray, columns: np.ndarray, rows:
         for x in range(width):
             line[x] = below[x] & ~above[x]
     for y in range(height - 1):
-        line = edges[y]
-        for x in range(width):
-            if line[x] != 0:
-                if count < len(rows):
-                    columns[count] = x
-                    rows[count] = y
-                count += 1
+        for first in range(0, width, RUN):
+            line = edges[y, first : first + RUN]
+            some = np.uint8(0)
+            for x in range(line.size):
+                some |= line[x]
+            if some == 0:
+                continue
+            for x in range(line.size):
+                if line[x] != 0:
+                    if count < len(rows):
+                        columns[count] = first + x
+                        rows[count] = y
+                    count += 1
     return count
 
 

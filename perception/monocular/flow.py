@@ -53,15 +53,21 @@ def track_corners(
     if not len(rows):
         return np.zeros((0, 2)), np.zeros((0, 2))
     first, second = (cv2.cvtColor(one.rgb, cv2.COLOR_RGB2GRAY) for one in (previous, current))
-    tone = int(cv2.mean(first, ground_previous)[0])
-    first[ground_previous > 0] = tone
-    second[ground_current > 0] = tone
+    tone = np.full_like(first, _mean(first, ground_previous))
+    cv2.copyTo(tone, ground_previous, first)
+    cv2.copyTo(tone, ground_current, second)
     margin = WINDOW_PX * 2 ** (LEVELS - 1)
     top = max(int(rows[0]) - margin // 2, 0)
     bottom = int(rows[-1]) + 1 + margin // 2
     part = np.ascontiguousarray(_halved(first)[top:bottom])
     corners = _corners(part, beside[top:bottom], MAX_CORNERS, MIN_DISTANCE_PX / 2)
     return _tracked(first, second, 2.0 * (corners + np.array([0.0, top])) + 0.5, previous, current)
+
+
+def _mean(grey: UInt8[np.ndarray, "h w"], mask: UInt8[np.ndarray, "h w"]) -> int:
+    """Mean where the mask is 255, rounded down; 0 without such a pixel. OpenCV's masked mean takes ten times as long."""
+    count = cv2.countNonZero(mask)
+    return int(cv2.sumElems(cv2.bitwise_and(grey, mask))[0] * (1.0 / count)) if count else 0
 
 
 def track_floor(

@@ -233,7 +233,7 @@ def occupy(
             wide[i, j] = 0.0
         wide[i, size + i - entry] = p.place
         mean[i] = 0.0
-    lower(wide, size, size + 2)
+    lower(wide, size, size, size + 2, size + 2)
     for i in range(size):
         for j in range(i + 1):
             root[i, j] = wide[i, j]

@@ -128,6 +128,8 @@ def sweep(
     limit = np.full(FANS, np.inf)
     a, b = np.empty(FANS + 1), np.empty(FANS + 1)
     closed = np.empty(FANS, np.bool_)
+    lower, upper = np.empty(FANS + 1, np.int32), np.empty(FANS + 1, np.int32)
+    shut = np.array([row.any() for row in blocked])
     for side in ALONG:
         for k in range(FANS + 1):
             tangent = first + k * step
@@ -137,15 +139,16 @@ def sweep(
             ahead = rows[y, 0]
             if ahead <= 0.0 or y < view.first_row:
                 break
-            if ahead <= view.half_m:  # nearer by, the edges of a fan may cross
+            if ahead <= view.half_m or not shut[y]:  # nearer by, the edges of a fan may cross
                 continue
-            later = a[0] + b[0] * y
+            for k in range(FANS + 1):  # first and last column that the edge may touch
+                place = min(max(a[k] + b[k] * y + 0.5, -2.0), width + 2.0)
+                lower[k] = np.int32(np.floor(place - 1e-6))
+                upper[k] = np.int32(np.floor(place + 1e-6))
             for k in range(FANS):
-                sooner, later = later, a[k + 1] + b[k + 1] * y
                 if closed[k]:
                     continue
-                left = math.floor(min(sooner, later) + 0.5 - 1e-6)
-                right = math.floor(max(sooner, later) + 0.5 + 1e-6)
+                left, right = min(lower[k], lower[k + 1]), max(upper[k], upper[k + 1])
                 if left < 0 or right > width - 1:
                     continue
                 free = False

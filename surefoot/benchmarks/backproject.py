@@ -1,4 +1,7 @@
-"""Back-projection of whole depth images, against Open3D's tensor cloud and OpenCV's depthTo3d."""
+"""Back-projection of whole depth images, against Open3D's tensor cloud and OpenCV's depthTo3d.
+
+OpenCV's function is the hardest peer: it fills an array of points, since version 5 with a fourth coordinate 1.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from perception.depth import points
 from perception.primitives.camera import Camera
 from perception.primitives.frame import Depth
 
-from .benchmark import Benchmark, Comparison, race
+from .benchmark import Benchmark, Comparison, mean_ratio, race
 
 SIZES = ((176, 144), (320, 240), (640, 480))
 
@@ -41,12 +44,18 @@ def run() -> Comparison:
         u, v = (
             np.rint(camera.project(peer)).astype(np.int64).T
         )  # the order of Open3D's points depends on its threads
-        worst = max(worst, float(np.max(np.abs(points.organised(depth)[v, u] - peer))))
+        ours = points.organised(depth)
+        worst = max(
+            worst,
+            float(np.max(np.abs(ours[v, u] - peer))),
+            float(np.max(np.abs(ours - cv2.depthTo3d(z, camera.matrix)[..., :3]))),
+        )
         times.update({f"{name}_{width}x{height}_ms": value for name, value in taken.items()})
         ratios["ratio_open3d"].append(taken["open3d"] / taken["ours"])
         ratios["ratio_depthto3d"].append(taken["depthto3d"] / taken["ours"])
-    means = {name: float(np.exp(np.mean(np.log(values)))) for name, values in ratios.items()}
-    return Comparison(times, means, {"largest_difference_m": worst})
+    means = {name: mean_ratio(values) for name, values in ratios.items()}
+    fair = {"OpenCV depthTo3d": means["ratio_depthto3d"]}
+    return Comparison(times, means, {"largest_difference_m": worst}, fair)
 
 
 def _open3d_points(image: Any, camera: Camera) -> Any:
@@ -63,4 +72,5 @@ BENCHMARK = Benchmark(
     "Depth image to points, 176x144 to 640x480",
     run,
     {"ratio_open3d": 8.0, "ratio_depthto3d": 2.5},
+    {"largest_difference_m": 1e-5},  # single precision at 4 m
 )

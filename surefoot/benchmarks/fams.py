@@ -1,7 +1,8 @@
-"""The fuzzy selection of a motion for 10,000 inputs, against scikit-fuzzy's control system on arrays.
+"""The fuzzy selection of a motion for 10,000 inputs, against scikit-fuzzy's control system and NumPy's interpolation.
 
 Both have the same sets and the same 25 rules. The consequents in scikit-fuzzy are one narrow triangle per motion, and
-its mean of maxima gives the strongest. The share of inputs with different results is reported.
+its mean of maxima gives the strongest. The hardest peer interpolates the memberships by `np.interp` and takes the
+strongest of the seven motions. The share of inputs with different results is reported.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from planning.avoidance.fams import MOTIONS, SETS, TABLE, FamsConfig, select
 from .benchmark import Benchmark, Comparison, race
 
 INPUTS = 10_000
-ROUNDS = 3  # scikit-fuzzy takes seconds
+ROUNDS = 5  # scikit-fuzzy takes seconds
 
 
 def peer(config: FamsConfig) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
@@ -62,23 +63,50 @@ def peer(config: FamsConfig) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     return run
 
 
+def by_interpolation(width_m: np.ndarray, gap_m: np.ndarray, config: FamsConfig) -> np.ndarray:
+    """The same selection by `np.interp`, minimum and maximum."""
+    body, corners = DARWIN_OP.passage_width_m, np.eye(len(SETS))
+    wide = [np.interp(width_m - body, config.obstacle_centres_m, corner) for corner in corners]
+    free = [np.interp(gap_m - body, config.gap_centres_m, corner) for corner in corners]
+    strength = np.zeros((len(MOTIONS), len(width_m)))
+    for motion in range(len(MOTIONS)):
+        rows, columns = np.nonzero(motion == TABLE)
+        either = [
+            np.maximum.reduce([sets[k] for k in np.unique(used)])
+            for sets, used in ((wide, rows), (free, columns))
+        ]
+        np.minimum(*either, out=strength[motion])
+    return np.asarray(strength.argmax(axis=0))
+
+
 def run() -> Comparison:
     """10,000 random inputs."""
     config = FamsConfig()
     rng = np.random.default_rng(15)
     width, gap = rng.uniform(0.0, 1.6, INPUTS), rng.uniform(0.0, 1.2, INPUTS)
-    candidates: dict[str, Callable[[], object]] = {"ours_ms": partial(select, width, gap, config)}
+    candidates: dict[str, Callable[[], np.ndarray]] = {
+        "ours_ms": partial(select, width, gap, config),
+        "interp_ms": partial(by_interpolation, width, gap, config),
+    }
+    missing = []
     try:
-        theirs = peer(config)
+        candidates["skfuzzy_ms"] = partial(peer(config), width, gap)
     except ImportError:
-        return Comparison(race(candidates, ROUNDS), {}, {}, ["scikit-fuzzy"])
-    candidates["skfuzzy_ms"] = partial(theirs, width, gap)
+        missing.append("scikit-fuzzy")
     times = race(candidates, ROUNDS)
-    differ = float(np.mean(select(width, gap, config) != theirs(width, gap)))
+    found = {name: candidate() for name, candidate in candidates.items()}
+    ratios = {
+        name.replace("_ms", ""): value / times["ours_ms"]
+        for name, value in times.items()
+        if name != "ours_ms"
+    }
+    differ = {
+        f"{name}_choices_differ_share": float(np.mean(found["ours_ms"] != found[f"{name}_ms"]))
+        for name in ratios
+    }
+    fair = {"np.interp, minimum and maximum": ratios["interp"]}
     return Comparison(
-        times,
-        {"ratio_skfuzzy": times["skfuzzy_ms"] / times["ours_ms"]},
-        {"choices_that_differ_share": differ},
+        times, {f"ratio_{name}": value for name, value in ratios.items()}, differ, fair, missing
     )
 
 
@@ -87,4 +115,5 @@ BENCHMARK = Benchmark(
     "Fuzzy selection of 10,000 motions",
     run,
     {"ratio_skfuzzy": 200.0},
+    {"interp_choices_differ_share": 0.0, "skfuzzy_choices_differ_share": 0.01},
 )

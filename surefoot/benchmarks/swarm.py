@@ -1,7 +1,8 @@
 """Best pixel of a result image of 720 x 720 pixels: swarm and exact search, against pyswarms.
 
 All minimise the same compiled objective; pyswarms evaluates it for a whole generation at once. The swarms have 50
-particles and 100 epochs; the exact search is checked against brute force.
+particles and 100 epochs; the exact search is checked against brute force. The hardest peer is the swarm of pyswarms
+compiled by Numba, as often as it takes until the best of these swarms is the optimum of every floor.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from .benchmark import Benchmark, Comparison, race
 
 PICTURES = 8
 ROUNDS = 7
+MOST_SWARMS = 10
 SWARM = search.SwarmConfig(mode="spread")
 
 
@@ -33,28 +35,43 @@ def run() -> Comparison:
         for f in floors
     ]
     rng = np.random.default_rng(0)
+    best = np.array([_value(search.brute_force(o)) for o in objectives])
+    again = next(
+        count
+        for count in range(1, MOST_SWARMS + 1)
+        if count == MOST_SWARMS
+        or np.allclose([_compiled(o, count) for o in objectives], best, atol=1e-9)
+    )
     candidates: dict[str, Callable[[], list[float]]] = {
         "swarm_ms": lambda: [search.fly(o, SWARM, rng).value for o in objectives],
         "exact_ms": lambda: [_value(search.exact(o)) for o in objectives],
+        "numba_ms": lambda: [_compiled(o, again) for o in objectives],
     }
     if peer is not None:
         candidates["pyswarms_ms"] = lambda: [_pyswarms(peer, o) for o in objectives]
     times = {name: spent / PICTURES for name, spent in race(candidates, ROUNDS).items()}
-    best = np.array([_value(search.brute_force(o)) for o in objectives])
     gaps = {name: np.array(candidate()) - best for name, candidate in candidates.items()}
-    accuracy = {}
+    accuracy = {"numba_swarms": float(again)}
     for name, gap in gaps.items():
         accuracy[name.replace("_ms", "_gap_m_median")] = float(np.median(gap))
         accuracy[name.replace("_ms", "_gap_m_max")] = float(np.max(gap))
-    ratios = {}
+    ratios = {"ratio_numba_exact": times["numba_ms"] / times["exact_ms"]}
     if peer is not None:
         ratios["ratio_pyswarms"] = times["pyswarms_ms"] / times["swarm_ms"]
         ratios["ratio_pyswarms_exact"] = times["pyswarms_ms"] / times["exact_ms"]
-    return Comparison(times, ratios, accuracy, missing)
+    fair = {f"best of {again} swarms under Numba": ratios["ratio_numba_exact"]}
+    return Comparison(times, ratios, accuracy, fair, missing)
 
 
 def _value(best: search.Best | None) -> float:
     return np.inf if best is None else best.value
+
+
+def _compiled(objective: Objective, count: int) -> float:
+    """The best of some global-best swarms, compiled."""
+    rng = np.random.default_rng(0)
+    plain = search.SwarmConfig(mode="constriction")
+    return min(search.fly(objective, plain, rng).value for _ in range(count))
 
 
 def _peer() -> tuple[Any, list[str]]:
@@ -86,4 +103,5 @@ BENCHMARK = Benchmark(
     "best pixel of 720 x 720: swarm of 50 x 100 and exact search",
     run,
     {"ratio_pyswarms": 2.5, "ratio_pyswarms_exact": 5.0},
+    {"exact_gap_m_max": 1e-9},
 )

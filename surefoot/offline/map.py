@@ -10,6 +10,7 @@ import numpy as np
 from mapping.grid.world_map import WorldMap
 from mapping.io import world_file
 from mapping.io.clouds import save_ply
+from mapping.surface.background import Background
 from mapping.surface.meshes import save_mesh
 from mapping.surface.surface_map import surface_map
 from mapping.surface.traversability import save_layers, save_nav2, traversability
@@ -78,7 +79,7 @@ def map_recording(job: Job, say: Say) -> MapSummary:
     """
     recording, folder = job.recording, job.folder
     source = placed_images(recording, job.config, say)
-    surface = surface_map(job.config.surface)
+    surface = Background(surface_map(job.config.surface))
     of = f" of {recording.info.frames}" if recording.info.frames else ""
     world = WorldMap(job.config.world_map)
     moments = CameraMoments(folder, job.config)

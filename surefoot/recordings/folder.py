@@ -1,9 +1,11 @@
-"""A folder of images as a recording: reads one frame at a time and skips damaged ones."""
+"""A folder of images as a recording: reads frame by frame, a little ahead of its user, and skips damaged ones."""
 
 from __future__ import annotations
 
 import re
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +21,7 @@ from .recording import DESCRIPTION_FILE, FrameError, RecordingInfo, SkipLog, Ski
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".ppm", ".bmp")
 KINECT_HZ = 30.0  # of Kinect, Xtion and rendered data sets, for layouts without stamps
+AHEAD = 2  # ours: frames that a second thread decodes meanwhile
 PLAUSIBLE_M = (0.1, 20.0)  # ours: a median depth outside means a wrong depth scale, or no room
 
 
@@ -38,6 +41,10 @@ class FrameFiles:
     depth: Path
     colour: Path | None = None
     pose: Callable[[], Pose3] | None = None
+
+
+Read = tuple[Frame, SkippedFrame | None]
+"""A frame, and why its colour image cannot be used."""
 
 
 class FolderRecording:
@@ -99,26 +106,43 @@ class FolderRecording:
         ]
 
     def frames(self) -> Iterator[Frame]:
-        """The readable frames, one in memory at a time.
+        """The readable frames; a few are in memory at a time.
 
         Raises:
             RecordingError: No frame can be read, or the depth of the first one is not that of a room.
         """
         skips = self._skips = SkipLog()
         self._without_colour = []
-        for files in self._files:
+        for files, reading in self._ahead():
             try:
                 skips.check_stamp(files.stamp_s)
-                frame = self._read(files)
+                frame, fault = reading.result()
             except FrameError as error:
                 skips.skip(files.name, str(error))
                 continue
+            if fault is not None:
+                self._without_colour.append(fault)
             if skips.returned == 0:
                 self._check_scale(frame)
             skips.note(frame.stamp_s)
             yield frame
         if skips.returned == 0:
             raise RecordingError(f"{self._path}: no frame can be used{skips.why()}")
+
+    def _ahead(self) -> Iterator[tuple[FrameFiles, Future[Read]]]:
+        """Every frame, being read by a second thread, in order."""
+        waiting: deque[tuple[FrameFiles, Future[Read]]] = deque()
+        with ThreadPoolExecutor(1, "images") as reader:
+            try:
+                for files in self._files:
+                    waiting.append((files, reader.submit(self._read, files)))
+                    if len(waiting) > AHEAD:
+                        yield waiting.popleft()
+                while waiting:
+                    yield waiting.popleft()
+            finally:
+                for _, reading in waiting:
+                    reading.cancel()
 
     def _check_scale(self, frame: Frame) -> None:
         """Ask about an implausible depth of the first frame."""
@@ -133,20 +157,17 @@ class FolderRecording:
                 "is that near or far, say so there: scale_checked = true"
             )
 
-    def _read(self, files: FrameFiles) -> Frame:
+    def _read(self, files: FrameFiles) -> Read:
         pose = None if files.pose is None else files.pose()
         depth = DepthView(read_depth(files.depth, self._camera, self._unit), self._camera)
-        return Frame(files.stamp_s, depth=depth, colour=self._colour(files), T_world_camera=pose)
-
-    def _colour(self, files: FrameFiles) -> ColourView | None:
-        """The colour image of a frame; None if there is none, or if it cannot be used."""
-        if files.colour is None:
-            return None
-        try:
-            return ColourView(read_colour(files.colour, self._colour_camera), self._colour_camera)
-        except FrameError as error:
-            self._without_colour.append(SkippedFrame(files.colour.name, str(error)))
-            return None
+        colour = fault = None
+        if files.colour is not None:
+            try:
+                rgb = read_colour(files.colour, self._colour_camera)
+                colour = ColourView(rgb, self._colour_camera)
+            except FrameError as error:
+                fault = SkippedFrame(files.colour.name, str(error))
+        return Frame(files.stamp_s, depth=depth, colour=colour, T_world_camera=pose), fault
 
 
 def pictures(folder: Path, pattern: str = "*") -> list[Path]:

@@ -269,13 +269,17 @@ def test_invalid_sigma_point_parameters_are_refused(alpha):
         SquareRootFilter(Gaussian(np.array([np.nan]), np.eye(1)))
 
 
-@given(seeds, st.integers(1, 6), st.integers(0, 8))
-def test_a_wide_matrix_and_its_lower_root_have_the_same_square(seed, rows, more):
-    wide = np.random.default_rng(seed).normal(size=(rows, rows + more))
+@given(seeds, st.integers(1, 6), st.integers(0, 8), st.integers(0, 4), st.integers(0, 8))
+def test_a_matrix_and_its_lower_form_have_the_same_square(seed, pivots, more, below, zeros):
+    rows, columns = pivots + below, pivots + more
+    filled = max(columns - zeros, 1)
+    wide = np.random.default_rng(seed).normal(size=(rows, columns))
+    wide *= np.arange(columns) < filled + np.minimum(np.arange(rows), pivots - 1)[:, None]
+    wide[pivots:] *= np.arange(columns) < filled + pivots - 1
     square = wide @ wide.T
-    kernels.lower(wide, rows, rows + more)
-    assert np.all(np.diag(wide[:, :rows]) > 0.0)
-    assert np.all(np.triu(wide, 1) == 0.0)
+    kernels.lower(wide, pivots, rows, columns, filled)
+    assert np.all(np.diag(wide)[:pivots] > 0.0)
+    assert np.all(np.triu(wide, 1)[:pivots] == 0.0)
     np.testing.assert_allclose(wide @ wide.T, square, atol=1e-12)
 
 
