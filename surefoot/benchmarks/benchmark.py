@@ -135,8 +135,8 @@ def judge(benchmark: Benchmark, measured: Comparison) -> dict[str, Any]:
         "published": {},
         "missing_peers": measured.missing,
         "passed": bool(targets)
-        and all(ratios[name] >= bar for name, (_, bar) in targets.items())
-        and all(figures[name] <= most for name, (_, most) in limits.items()),
+        and all(ratios[name] >= bars[name] for name in targets)
+        and all(figures[name] <= benchmark.limits[name] for name in limits),
     }
 
 

@@ -70,11 +70,11 @@ def by_interpolation(width_m: np.ndarray, gap_m: np.ndarray, config: FamsConfig)
     free = [np.interp(gap_m - body, config.gap_centres_m, corner) for corner in corners]
     strength = np.zeros((len(MOTIONS), len(width_m)))
     for motion in range(len(MOTIONS)):
-        rows, columns = np.nonzero(motion == TABLE)
-        either = [
-            np.maximum.reduce([sets[k] for k in np.unique(used)])
-            for sets, used in ((wide, rows), (free, columns))
-        ]
+        rows, columns = (np.unique(used) for used in np.nonzero(np.equal(TABLE, motion)))
+        either = (
+            np.max([wide[k] for k in rows], axis=0),
+            np.max([free[k] for k in columns], axis=0),
+        )
         np.minimum(*either, out=strength[motion])
     return np.asarray(strength.argmax(axis=0))
 

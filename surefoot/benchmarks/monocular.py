@@ -8,6 +8,7 @@ half the size, as ours works in parts. No time includes learning the colours.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -164,7 +165,7 @@ def run() -> Comparison:
     core = memory.core
     assert colours is not None
     assert core is not None
-    candidates = {
+    candidates: dict[str, Callable[[], list[Found]]] = {
         "ours": lambda: ours(previous, current, colours, core),
         "plain_opencv": lambda: plain(previous, current, colours),
         "half_opencv": lambda: plain(halved(previous), halved(current), colours),

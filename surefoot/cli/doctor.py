@@ -45,6 +45,8 @@ EXTRAS = {
     "batch": ("dask", "distributed"),
     "docs": ("ipykernel", "myst-nb", "pydata-sphinx-theme", "sphinx"),
     "bench": (
+        "connected-components-3d",
+        "dijkstra3d",
         "kiss-icp",
         "octomap-python",
         "pyastar2d",
