@@ -185,6 +185,7 @@ def directions(
     gx = np.empty((side_most, side_most), np.float32)
     gy, square = np.empty_like(gx), np.empty_like(gx)
     angle = np.empty(side_most, np.float32)
+    weights, bins = np.empty(side_most, np.float64), np.empty(side_most, np.int32)
     votes, smoothed = np.empty(BINS, np.float64), np.empty(BINS, np.float64)
     falls = np.empty(side_most, np.float32)
     count = 0
@@ -214,12 +215,29 @@ def directions(
                     angle[c] = math.atan2(gy[r, c] ** 2, gx[r, c] ** 2)
             else:
                 angles(gx[r], gy[r], side, angle)
+            _weigh(gx[r, :side], gy[r, :side], angle, falls[r], falls, weights, bins)
             for c in range(side):
-                weight = falls[r] * falls[c] * math.sqrt(gx[r, c] ** 2 + gy[r, c] ** 2)
-                b = int(angle[c] * (BINS / (2.0 * PI)) + (BINS + 0.5))
-                votes[b - BINS if b >= BINS else b] += weight
+                votes[bins[c]] += weights[c]
         count = _peaks(votes, smoothed, peak_share, i, owners, found, strengths, count)
     return count
+
+
+@njit(cache=True, nogil=True)
+def _weigh(
+    gx: np.ndarray,
+    gy: np.ndarray,
+    angle: np.ndarray,
+    fall: np.float32,
+    falls: np.ndarray,
+    weights: np.ndarray,
+    bins: np.ndarray,
+) -> None:
+    """Weight and bin of the gradients of one row of a window."""
+    for c in range(gx.size):
+        weights[c] = fall * falls[c] * math.sqrt(gx[c] ** 2 + gy[c] ** 2)
+    for c in range(gx.size):
+        b = np.int32(angle[c] * (BINS / (2.0 * PI)) + (BINS + 0.5))
+        bins[c] = b - np.int32(BINS) if b >= BINS else b
 
 
 @njit(cache=True, nogil=True)

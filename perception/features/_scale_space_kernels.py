@@ -6,6 +6,8 @@ import numpy as np
 
 from ..primitives.compiled import njit
 
+RUN = 64  # pixels that are looked at together; most runs have no peak
+
 
 @njit(cache=True, nogil=True)
 def extrema(
@@ -25,7 +27,7 @@ def extrema(
     Returns the number found, cut at the capacity.
     """
     height, width = levels.shape[1], levels.shape[2]
-    row = np.empty(width, np.float32)
+    row, peak = np.empty(width, np.float32), np.zeros(width, np.uint8)
     fit = np.empty(5, np.float64)
     count = 0
     for layer in range(1, layers + 1):
@@ -34,27 +36,43 @@ def extrema(
             up, low = upper[r], lower[r]
             for c in range(width):
                 row[c] = up[c] - low[c]
-            for c in range(border, width - border):
-                value = row[c]
-                if value > threshold:
-                    if not (value >= row[c - 1] and value >= row[c + 1]):
-                        continue
-                    if not _is_largest(levels, layer, r, c, value, np.float32(1.0)):
-                        continue
-                elif value < -threshold:
-                    if not (value <= row[c - 1] and value <= row[c + 1]):
-                        continue
-                    if not _is_largest(levels, layer, r, c, -value, np.float32(-1.0)):
-                        continue
-                else:
+            _mark_peaks(row, threshold, peak)
+            for first in range(border, width - border, RUN):
+                last = min(first + RUN, width - border)
+                if not _any(peak[first:last]):
                     continue
-                if count < found.shape[0] and _fit(
-                    levels, layer, r, c, layers, contrast, edge_ratio, border, fit
-                ):
-                    for k in range(5):
-                        found[count, k] = fit[k]
-                    count += 1
+                for c in range(first, last):
+                    if not peak[c]:
+                        continue
+                    sign = np.float32(1.0) if row[c] > 0.0 else np.float32(-1.0)
+                    if not _is_largest(levels, layer, r, c, sign * row[c], sign):
+                        continue
+                    if count < found.shape[0] and _fit(
+                        levels, layer, r, c, layers, contrast, edge_ratio, border, fit
+                    ):
+                        for k in range(5):
+                            found[count, k] = fit[k]
+                        count += 1
     return count
+
+
+@njit(cache=True, nogil=True)
+def _mark_peaks(row: np.ndarray, threshold: float, peak: np.ndarray) -> None:
+    """Set peak (w,) uint8 to 1 where a value is beyond the threshold and not between its neighbours in the row."""
+    before, here, after, out = row[:-2], row[1:-1], row[2:], peak[1:-1]
+    for c in range(out.size):
+        value = here[c]
+        high = (value > threshold) & (value >= before[c]) & (value >= after[c])
+        low = (value < -threshold) & (value <= before[c]) & (value <= after[c])
+        out[c] = np.uint8(high | low)
+
+
+@njit(cache=True, nogil=True)
+def _any(flags: np.ndarray) -> bool:
+    some = np.uint8(0)
+    for flag in flags:
+        some |= flag
+    return some != 0
 
 
 @njit(cache=True, nogil=True, inline="always")
