@@ -13,6 +13,7 @@ import numpy as np
 from ..primitives.compiled import njit
 
 BINS = 36
+LANES = 8  # columns that are computed together
 PI = math.pi
 
 
@@ -178,7 +179,7 @@ def directions(
     reach_most = 1
     for i in range(points.shape[0]):
         reach_most = max(reach_most, round(3.0 * window * points[i, 2]))
-    side_most = 2 * reach_most + 1
+    side_most = -(-(2 * reach_most + 1) // LANES) * LANES
     patch = np.empty((side_most + 2 * half, side_most + 2 * half), np.float32)
     smooth = np.empty_like(patch)
     sums, total = np.empty(side_most, np.float32), np.empty(side_most, np.float32)
@@ -195,13 +196,16 @@ def directions(
         side = 2 * reach + 1
         column, row = round(points[i, 0]), round(points[i, 1])
         level = levels[int(points[i, 3])]
+        wide = (
+            -(-side // LANES) * LANES
+        )  # whole vectors; the columns beyond the window are not used
         extent = side + 2 * half
         late = 1 if printed else 0
         top, left = row - reach - half + late, column - reach - half + late
-        _patch(level, top, left, extent, extent, patch)
+        _patch(level, top, left, extent, wide + 2 * half, patch)
         if masks.shape[0] > 1:
             moment_gradients(
-                patch, side, side, masks, smooth, sums, total, gx, gy, square, first_order
+                patch, side, wide, masks, smooth, sums, total, gx, gy, square, first_order
             )
         else:
             _differences(patch, side, side, gx, gy)
@@ -214,8 +218,8 @@ def directions(
                 for c in range(side):
                     angle[c] = math.atan2(gy[r, c] ** 2, gx[r, c] ** 2)
             else:
-                angles(gx[r], gy[r], side, angle)
-            _weigh(gx[r, :side], gy[r, :side], angle, falls[r], falls, weights, bins)
+                angles(gx[r], gy[r], wide, angle)
+            _weigh(gx[r, :wide], gy[r, :wide], angle, falls[r], falls, weights, bins)
             for c in range(side):
                 votes[bins[c]] += weights[c]
         count = _peaks(votes, smoothed, peak_share, i, owners, found, strengths, count)

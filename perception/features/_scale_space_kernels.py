@@ -27,16 +27,18 @@ def extrema(
     Returns the number found, cut at the capacity.
     """
     height, width = levels.shape[1], levels.shape[2]
-    row, peak = np.empty(width, np.float32), np.zeros(width, np.uint8)
+    rows, peak = np.empty((3, width), np.float32), np.zeros(width, np.uint8)
     fit = np.empty(5, np.float64)
     count = 0
     for layer in range(1, layers + 1):
         upper, lower = levels[layer + 1], levels[layer]
         for r in range(border, height - border):
-            up, low = upper[r], lower[r]
-            for c in range(width):
-                row[c] = up[c] - low[c]
-            _mark_peaks(row, threshold, peak)
+            for n in range(r - 1 if r == border else r + 1, r + 2):
+                up, low, line = upper[n], lower[n], rows[n % 3]
+                for c in range(width):
+                    line[c] = up[c] - low[c]
+            row = rows[r % 3]
+            _mark_peaks(rows[(r - 1) % 3], row, rows[(r + 1) % 3], threshold, peak)
             for first in range(border, width - border, RUN):
                 last = min(first + RUN, width - border)
                 if not _any(peak[first:last]):
@@ -57,13 +59,26 @@ def extrema(
 
 
 @njit(cache=True, nogil=True)
-def _mark_peaks(row: np.ndarray, threshold: float, peak: np.ndarray) -> None:
-    """Set peak (w,) uint8 to 1 where a value is beyond the threshold and not between its neighbours in the row."""
-    before, here, after, out = row[:-2], row[1:-1], row[2:], peak[1:-1]
-    for c in range(out.size):
+def _mark_peaks(
+    above: np.ndarray, row: np.ndarray, below: np.ndarray, threshold: float, peak: np.ndarray
+) -> None:
+    """Set peak (w,) uint8 to 1 where a value is beyond the threshold and extreme among its eight neighbours."""
+    n = row.size - 2
+    here, out = row[1:], peak[1:]
+    for c in range(n):
+        most = max(
+            max(row[c], row[c + 2]), max(max(above[c], below[c]), max(above[c + 2], below[c + 2]))
+        )
+        least = min(
+            min(row[c], row[c + 2]), min(min(above[c], below[c]), min(above[c + 2], below[c + 2]))
+        )
+        most, least = (
+            max(most, max(above[c + 1], below[c + 1])),
+            min(least, min(above[c + 1], below[c + 1])),
+        )
         value = here[c]
-        high = (value > threshold) & (value >= before[c]) & (value >= after[c])
-        low = (value < -threshold) & (value <= before[c]) & (value <= after[c])
+        high = (value > threshold) & (value >= most)
+        low = (value < -threshold) & (value <= least)
         out[c] = np.uint8(high | low)
 
 
