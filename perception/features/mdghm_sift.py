@@ -179,9 +179,14 @@ def _upsampled(grey: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "a b"]:
     return out
 
 
-def _blurred(grey: Float32[np.ndarray, "h w"], sigma_px: float) -> Float32[np.ndarray, "h w"]:
+def _blurred(
+    grey: Float32[np.ndarray, "h w"],
+    sigma_px: float,
+    out: Float32[np.ndarray, "h w"] | None = None,
+) -> Float32[np.ndarray, "h w"]:
     side = 2 * math.ceil(3.3 * sigma_px) + 1  # 0.1 % of the weight lies beyond
-    return np.asarray(cv2.GaussianBlur(grey, (side, side), sigma_px, borderType=cv2.BORDER_REFLECT))
+    border = cv2.BORDER_REFLECT
+    return np.asarray(cv2.GaussianBlur(grey, (side, side), sigma_px, out, borderType=border))
 
 
 def _levels(base: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "n h w"]:
@@ -191,7 +196,7 @@ def _levels(base: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "n h w"]:
     growth = 2.0 ** (1.0 / LAYERS)
     for i in range(1, len(levels)):
         before = BLUR_PX * growth ** (i - 1)
-        levels[i] = _blurred(levels[i - 1], before * math.sqrt(growth**2 - 1.0))
+        _blurred(levels[i - 1], before * math.sqrt(growth**2 - 1.0), levels[i])
     return levels
 
 
