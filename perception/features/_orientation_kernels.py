@@ -13,125 +13,105 @@ import numpy as np
 from ..primitives.compiled import njit
 
 BINS = 36
-LANES = 8  # columns that are computed together
 PI = math.pi
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _patch(
-    level: np.ndarray, row0: int, col0: int, rows: int, columns: int, patch: np.ndarray
-) -> None:
-    """Copy a window; the border is replicated."""
+def _patch(level: np.ndarray, row0: int, col0: int, extent: int, patch: np.ndarray) -> None:
+    """Copy a square window, row after row; the border is replicated."""
     height, width = level.shape
-    inside = col0 >= 0 and col0 + columns <= width
-    for r in range(rows):
-        source, line = level[min(max(row0 + r, 0), height - 1)], patch[r]
+    inside = col0 >= 0 and col0 + extent <= width
+    for r in range(extent):
+        source = level[min(max(row0 + r, 0), height - 1)]
+        line = patch[r * extent : (r + 1) * extent]
         if inside:
-            for c in range(columns):
+            for c in range(extent):
                 line[c] = source[col0 + c]
         else:
-            for c in range(columns):
+            for c in range(extent):
                 line[c] = source[min(max(col0 + c, 0), width - 1)]
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _even(source: np.ndarray, step: int, weights: np.ndarray, out: np.ndarray) -> None:
+    """Convolve with the mask of order 0, from its middle outwards, whose entries lie `step` apart."""
+    half = weights.shape[0] - 1
+    centre, weight = source[half * step :], weights[0]
+    for i in range(out.size):
+        out[i] = weight * centre[i]
+    for k in range(1, half + 1):
+        before, after, weight = source[(half - k) * step :], source[(half + k) * step :], weights[k]
+        for i in range(out.size):
+            out[i] += weight * (before[i] + after[i])
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _odd(
+    source: np.ndarray, step: int, masks: np.ndarray, sums: np.ndarray, total: np.ndarray
+) -> None:
+    """Convolutions with the odd masks: that of order 1, and the sum of the squares of all."""
+    half = masks.shape[1] - 1
+    for i in range(total.size):
+        total[i] = np.float32(0.0)
+    for m in range(masks.shape[0] - 1, 0, -1):
+        for i in range(sums.size):
+            sums[i] = np.float32(0.0)
+        for k in range(1, half + 1):
+            weight = masks[m, k]
+            before, after = source[(half - k) * step :], source[(half + k) * step :]
+            for i in range(sums.size):
+                sums[i] += weight * (after[i] - before[i])
+        for i in range(total.size):
+            total[i] += sums[i] * sums[i]
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def moment_gradients(
     patch: np.ndarray,
     rows: int,
-    columns: int,
+    wide: int,
     masks: np.ndarray,
-    smooth: np.ndarray,
-    sums: np.ndarray,
-    total: np.ndarray,
+    work: np.ndarray,
     gx: np.ndarray,
     gy: np.ndarray,
-    square: np.ndarray,
     first_order: bool,
 ) -> None:
     """Signed roots of the sums of squared odd moments along x and y, over the middle of a patch.
 
-    Long, because both axes share their scratch rows.
+    Everything runs over flat arrays, since a window is too narrow for fast loops over its rows. The last entries of each
+    row of the results, twice half a mask, are no gradients.
 
-    patch: at least (rows + 2 half, columns + 2 half), the window with half a mask around it.
+    patch: (rows + 2 half) rows of `wide` pixels, flat: the window with half a mask around it.
     masks: (1 + orders, half + 1), the mask of order 0 and the odd ones, from their middle outwards.
-    smooth: at least as large as the patch. sums, total: (columns,). gx, gy: (rows, columns), out.
-    square: (rows, columns), scratch. first_order: the direction is that of order 1 alone, without bias.
+    work: (4, at least as long as the patch), scratch. gx, gy: `rows` rows of `wide`, flat, out.
+    first_order: the direction is that of order 1 alone, without bias.
     """
-    half, orders = masks.shape[1] - 1, masks.shape[0] - 1
-    wide = columns + 2 * half
-    for r in range(rows):  # order 0 down the columns
-        out, middle, weight = smooth[r], patch[r + half], masks[0, 0]
-        for c in range(wide):
-            out[c] = weight * middle[c]
-        for k in range(1, half + 1):
-            above, below, weight = patch[r + half - k], patch[r + half + k], masks[0, k]
-            for c in range(wide):
-                out[c] += weight * (above[c] + below[c])
-    for r in range(rows):  # then odd orders along the rows
-        line, out = smooth[r], gx[r]
-        for c in range(columns):
-            total[c] = np.float32(0.0)
-        for m in range(orders, 0, -1):
-            for c in range(columns):
-                sums[c] = np.float32(0.0)
-            for k in range(1, half + 1):
-                weight = masks[m, k]
-                left, right = line[half - k :], line[half + k :]
-                for c in range(columns):
-                    sums[c] += weight * (right[c] - left[c])
-            for c in range(columns):
-                total[c] += sums[c] * sums[c]
-        whole = square[r]
-        if first_order:  # sums holds order 1 now
-            for c in range(columns):
-                out[c], whole[c] = sums[c], total[c]
-        else:
-            for c in range(columns):
-                out[c] = math.copysign(np.sqrt(total[c]), sums[c])
-    for r in range(rows + 2 * half):  # order 0 along the rows
-        line, out, weight = patch[r], smooth[r], masks[0, 0]
-        centre = line[half:]
-        for c in range(columns):
-            out[c] = weight * centre[c]
-        for k in range(1, half + 1):
-            left, right, weight = line[half - k :], line[half + k :], masks[0, k]
-            for c in range(columns):
-                out[c] += weight * (left[c] + right[c])
-    for r in range(rows):  # then odd orders down the columns
-        out = gy[r]
-        for c in range(columns):
-            total[c] = np.float32(0.0)
-        for m in range(orders, 0, -1):
-            for c in range(columns):
-                sums[c] = np.float32(0.0)
-            for k in range(1, half + 1):
-                above, below, weight = smooth[r + half - k], smooth[r + half + k], masks[m, k]
-                for c in range(columns):
-                    sums[c] += weight * (below[c] - above[c])
-            for c in range(columns):
-                total[c] += sums[c] * sums[c]
-        if first_order:
-            other, whole = gx[r], square[r]
-            for c in range(columns):
-                first = other[c] * other[c] + sums[c] * sums[c] + np.float32(1e-30)
-                scale = np.sqrt((whole[c] + total[c]) / first)
-                out[c] = sums[c] * scale
-                other[c] *= scale
-        else:
-            for c in range(columns):
-                out[c] = math.copysign(np.sqrt(total[c]), sums[c])
+    half = masks.shape[1] - 1
+    count = rows * wide - 2 * half
+    smooth, sums, total, square = work[0], work[1, :count], work[2, :count], work[3, :count]
+    _even(patch, wide, masks[0], smooth[: rows * wide])  # order 0 down the columns
+    _odd(smooth, 1, masks, gx[:count], square)  # then odd orders along the rows
+    _even(patch, 1, masks[0], smooth[: (rows + 2 * half) * wide - 2 * half])
+    _odd(smooth, wide, masks, sums, total)
+    if first_order:
+        for i in range(count):
+            first = gx[i] * gx[i] + sums[i] * sums[i] + np.float32(1e-30)
+            scale = np.sqrt((square[i] + total[i]) / first)
+            gy[i] = sums[i] * scale
+            gx[i] *= scale
+    else:
+        for i in range(count):
+            gx[i] = math.copysign(np.sqrt(square[i]), gx[i])
+            gy[i] = math.copysign(np.sqrt(total[i]), sums[i])
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _differences(
-    patch: np.ndarray, rows: int, columns: int, gx: np.ndarray, gy: np.ndarray
-) -> None:
-    """Central differences of the pixels; the patch has one pixel around the window."""
-    for r in range(rows):
-        above, line, below = patch[r], patch[r + 1], patch[r + 2]
-        for c in range(columns):
-            gx[r, c] = line[c + 2] - line[c]
-            gy[r, c] = below[c + 1] - above[c + 1]
+def _differences(patch: np.ndarray, rows: int, wide: int, gx: np.ndarray, gy: np.ndarray) -> None:
+    """Central differences of the pixels; arguments as of `moment_gradients`, with one pixel around the window."""
+    above, line, below = patch[1:], patch[wide:], patch[2 * wide + 1 :]
+    for i in range(rows * wide - 2):
+        gx[i] = line[i + 2] - line[i]
+        gy[i] = below[i] - above[i]
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -179,12 +159,10 @@ def directions(
     reach_most = 1
     for i in range(points.shape[0]):
         reach_most = max(reach_most, round(3.0 * window * points[i, 2]))
-    side_most = -(-(2 * reach_most + 1) // LANES) * LANES
-    patch = np.empty((side_most + 2 * half, side_most + 2 * half), np.float32)
-    smooth = np.empty_like(patch)
-    sums, total = np.empty(side_most, np.float32), np.empty(side_most, np.float32)
-    gx = np.empty((side_most, side_most), np.float32)
-    gy, square = np.empty_like(gx), np.empty_like(gx)
+    side_most = 2 * reach_most + 1
+    longest = (side_most + 2 * half) * (side_most + 2 * half)
+    patch, work = np.empty(longest, np.float32), np.empty((4, longest), np.float32)
+    gx, gy = np.empty(longest, np.float32), np.empty(longest, np.float32)
     angle = np.empty(side_most, np.float32)
     weights, bins = np.empty(side_most, np.float64), np.empty(side_most, np.int32)
     votes, smoothed = np.empty(BINS, np.float64), np.empty(BINS, np.float64)
@@ -196,30 +174,27 @@ def directions(
         side = 2 * reach + 1
         column, row = round(points[i, 0]), round(points[i, 1])
         level = levels[int(points[i, 3])]
-        wide = (
-            -(-side // LANES) * LANES
-        )  # whole vectors; the columns beyond the window are not used
         extent = side + 2 * half
         late = 1 if printed else 0
         top, left = row - reach - half + late, column - reach - half + late
-        _patch(level, top, left, extent, wide + 2 * half, patch)
+        _patch(level, top, left, extent, patch)
         if masks.shape[0] > 1:
-            moment_gradients(
-                patch, side, wide, masks, smooth, sums, total, gx, gy, square, first_order
-            )
+            moment_gradients(patch, side, extent, masks, work, gx, gy, first_order)
         else:
-            _differences(patch, side, side, gx, gy)
+            _differences(patch, side, extent, gx, gy)
         for c in range(side):
             falls[c] = math.exp(-((c - reach) ** 2) / (2.0 * (window * sigma) ** 2))
         for b in range(BINS):
             votes[b] = 0.0
         for r in range(side):
+            across = gx[r * extent : r * extent + side]
+            down = gy[r * extent : r * extent + side]
             if printed:
                 for c in range(side):
-                    angle[c] = math.atan2(gy[r, c] ** 2, gx[r, c] ** 2)
+                    angle[c] = math.atan2(down[c] ** 2, across[c] ** 2)
             else:
-                angles(gx[r], gy[r], wide, angle)
-            _weigh(gx[r, :wide], gy[r, :wide], angle, falls[r], falls, weights, bins)
+                angles(across, down, side, angle)
+            _weigh(across, down, angle, falls[r], falls, weights, bins)
             for c in range(side):
                 votes[bins[c]] += weights[c]
         count = _peaks(votes, smoothed, peak_share, i, owners, found, strengths, count)

@@ -247,15 +247,12 @@ def _gradient_field(
     level: Float32[np.ndarray, "h w"], masks: Float32[np.ndarray, "k half"], first_order: bool
 ) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
     """Signed roots of the sums of squared moments along x and y, of a whole level."""
-    height, width = level.shape
-    half = masks.shape[1] - 1
-    patch = np.pad(level, half, mode="edge")
-    gx, gy, square = np.empty((3, height, width), np.float32)
-    sums, total = np.empty((2, width), np.float32)
-    orientation_kernels.moment_gradients(
-        patch, height, width, masks, np.empty_like(patch), sums, total, gx, gy, square, first_order
-    )
-    return gx, gy
+    (height, width), half = level.shape, masks.shape[1] - 1
+    patch, wide = np.pad(level, half, mode="edge").ravel(), width + 2 * half
+    gx, gy = np.empty((2, height * wide), np.float32)
+    work = np.empty((4, patch.size), np.float32)
+    orientation_kernels.moment_gradients(patch, height, wide, masks, work, gx, gy, first_order)
+    return gx.reshape(height, wide)[:, :width].copy(), gy.reshape(height, wide)[:, :width].copy()
 
 
 def _in_image(part: Features, octave: int, zoom: int) -> Features:
