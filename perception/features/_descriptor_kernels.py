@@ -90,7 +90,7 @@ def describe_by_moments(
 def _sample(image: np.ndarray, x: float, y: float, c: float, s: float, grey: np.ndarray) -> None:
     """Interpolated values on a grid of steps (c, s) across and (-s, c) down around (x, y)."""
     height, width = image.shape
-    middle = np.float32((SIDE + 1) / 2.0)
+    middle, flat, across = np.float32((SIDE + 1) / 2.0), image.ravel(), np.uintp(width)
     for a in range(SIDE + 2):
         u0 = x - s * (a - middle) - c * middle
         v0 = y + c * (a - middle) - s * middle
@@ -99,8 +99,9 @@ def _sample(image: np.ndarray, x: float, y: float, c: float, s: float, grey: np.
             v = min(max(v0 + s * b, 0.0), height - 1.001)
             left, top = int(u), int(v)
             du, dv = np.float32(u - left), np.float32(v - top)
-            p, q = image[top, left], image[top, left + 1]
-            t, w = image[top + 1, left], image[top + 1, left + 1]
+            at = np.uintp(top) * across + np.uintp(left)
+            p, q = flat[at], flat[at + np.uintp(1)]
+            t, w = flat[at + across], flat[at + across + np.uintp(1)]
             upper, lower = p + du * (q - p), t + du * (w - t)
             grey[a, b] = upper + dv * (lower - upper)
 

@@ -99,10 +99,10 @@ def _difference(levels: np.ndarray, layer: int, r: int, c: int) -> float:
 def _is_largest(
     levels: np.ndarray, layer: int, r: int, c: int, value: np.float32, sign: np.float32
 ) -> bool:
-    for dr in range(-1, 2):
-        for dc in range(-1, 2):
-            if sign * _difference(levels, layer, r + dr, c + dc) > value:
-                return False
+    """Whether no neighbour in the layers above and below is larger; those in its own are known."""
+    for step in (-1, 1):
+        if sign * _difference(levels, layer + step, r, c) > value:
+            return False
     for step in (-1, 1):
         for dr in range(-1, 2):
             for dc in range(-1, 2):
