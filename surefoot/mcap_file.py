@@ -233,7 +233,7 @@ def records(
     while True:
         try:
             record = next(reader, None)
-        except (*DAMAGE, MemoryError):
+        except (*DAMAGE, OverflowError, MemoryError):
             return  # the file ends inside this record
         if record is None or isinstance(record, Footer):
             return
@@ -243,7 +243,7 @@ def records(
         number += 1
         try:
             inside = breakup_chunk(_unpacked(record), validate_crc=True)
-        except (*DAMAGE, RuntimeError) as error:
+        except (*DAMAGE, OverflowError, RuntimeError) as error:
             if damaged is not None and file.peek(1):  # else the chunk was being written at the end
                 damaged(f"chunk {number}", f"damaged ({error})")
             continue

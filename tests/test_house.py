@@ -119,3 +119,41 @@ def test_no_modules_import_each_other_in_a_circle():
         for module in free:
             del waiting[module]
     assert waiting == {}, "these import each other, or what does"
+
+
+DIRECT = {
+    "json": {"load", "loads"}, "_json": {"load", "loads"}, "tomllib": {"load", "loads"}, "cv2": {"imread", "imdecode", "FileStorage"},
+    "np": {"load", "loadtxt", "genfromtxt", "fromfile"}, "pickle": {"load", "loads", "dump", "dumps"},
+}  # fmt: skip
+"""Calls that trust what they read, or run it."""
+OWN = {
+    "perception/primitives/safe_input.py": "the one reader",
+    "perception/primitives/mesh_reader.py": "what its own process says",
+    "surefoot/offline/panorama.py": "what it has just written",
+    "surefoot/report/replay/still.py": "what the page has just encoded",
+    "surefoot/results/object_file.py": "within a file whose checksum is right",
+}
+"""Files that may, and why; studies read the recordings that they were written for."""
+
+
+def trusting(path: Path) -> list[str]:
+    """Calls in a file that read somebody's content without `safe_input`, or run code."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        call = node.func if isinstance(node, ast.Call) else None
+        if isinstance(call, ast.Name) and call.id in ("eval", "exec", "loadmat"):
+            found.append(call.id)
+        if isinstance(call, ast.Attribute) and isinstance(call.value, ast.Name):
+            of = call.value.id
+            if call.attr in DIRECT.get(of, ()) or (of == "yaml" and call.attr.startswith("load")):
+                found.append(f"{of}.{call.attr}")
+    return found
+
+
+def test_content_of_others_is_read_in_one_place_and_never_run():
+    for path in MODULES:
+        room = name(path).split("/")[:2]
+        if name(path) not in OWN and room not in (["surefoot", "experiments"], ["surefoot", "benchmarks"]):  # fmt: skip
+            assert trusting(path) == [], name(path)
+    for path in OWN:
+        assert trusting(ROOT / path), f"{path} needs no exception"

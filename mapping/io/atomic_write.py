@@ -13,6 +13,9 @@ from pathlib import Path
 
 from perception.primitives.errors import OutputError
 
+PART = ".part-"
+"""Prefix of the names of unfinished files; a writer that is killed leaves some."""
+
 
 @contextmanager
 def atomic_path(target: Path) -> Iterator[Path]:
@@ -23,7 +26,7 @@ def atomic_path(target: Path) -> Iterator[Path]:
     """
     try:
         handle, name = tempfile.mkstemp(
-            suffix=target.suffix, prefix=f".{target.stem}-", dir=target.parent
+            suffix=target.suffix, prefix=f"{PART}{target.stem}-", dir=target.parent
         )
         os.close(handle)
     except OSError as error:

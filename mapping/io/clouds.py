@@ -1,7 +1,7 @@
 """The coloured cloud of a run: the mean point and colour of each voxel.
 
 Memory is bounded: when the number of voxels reaches its limit, their size doubles and the cloud is thinned.
-Only reading and writing PLY files need Open3D.
+Only writing PLY files needs Open3D.
 """
 
 from __future__ import annotations
@@ -16,15 +16,17 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from perception.primitives.errors import ConfigError, InputError, OutputError
+from perception.primitives.safe_input import UnreadableError
 from perception.primitives.settings import setting
 
 from .. import open3d_objects
-from . import _voxel_kernels
+from . import _voxel_kernels, ply
 from .atomic_write import atomic_path
 
 logger = logging.getLogger(__name__)
 
 FIRST_CAPACITY = 1 << 14  # voxels
+MOST_M = 1e4  # ours: of a coordinate that is read
 
 
 @dataclass(frozen=True)
@@ -206,35 +208,25 @@ def save_ply(
 def load_ply(
     path: Path,
 ) -> tuple[Float[np.ndarray, "n 3"], UInt8[np.ndarray, "n 3"] | None]:
-    """Points, m, and their colours, RGB, or None; errors as of `load_cloud`."""
-    cloud = load_cloud(path)
-    points = cloud.point.positions.numpy().astype(np.float64)
-    if "colors" not in cloud.point:
-        return points, None
-    colours = cloud.point["colors"].numpy()
-    return points, colours if colours.dtype == np.uint8 else np.rint(255.0 * colours).astype(
-        np.uint8
-    )
-
-
-def load_cloud(path: Path) -> Any:
-    """The `open3d.t.geometry.PointCloud` of a PLY, with its attributes.
+    """Finite points of a cloud that `save_ply` wrote, m, and their colours, RGB, or None.
 
     Raises:
-        InputError: The file is missing or empty, or Open3D cannot be loaded.
+        InputError: The file is missing, damaged or empty.
     """
-    if not path.is_file():
-        raise InputError(f"cloud {path} does not exist; give a .ply file")
     try:
-        open3d = _open3d()
-    except ImportError as error:
-        raise InputError(f"cannot read {path}: {_LIBRARIES} ({error})") from error
-    cloud = open3d.t.io.read_point_cloud(str(path))
-    if cloud.is_empty():
-        raise InputError(f"cloud {path} holds no points that Open3D can read; expected a PLY file")
-    return cloud
+        found = ply.read_points(path)
+    except UnreadableError as error:
+        raise InputError(f"cloud {path} {error}; a PLY of a run was expected") from error
+    points = np.stack([found[axis].astype(np.float64) for axis in "xyz"], axis=-1)
+    usable = (np.abs(points) <= MOST_M).all(axis=1)
+    if not usable.any():
+        raise InputError(f"cloud {path} holds no points within {MOST_M:g} m of its origin")
+    if not all(name in found.dtype.names and found[name].dtype == np.uint8 for name in _RGB):
+        return points[usable], None
+    return points[usable], np.stack([found[name][usable] for name in _RGB], axis=-1)
 
 
+_RGB = ("red", "green", "blue")
 _LIBRARIES = (
     "Open3D cannot be loaded; on Debian or Ubuntu: "
     "apt-get install --no-install-recommends libegl1 libgl1 libx11-6 libusb-1.0-0"

@@ -18,7 +18,9 @@ from xml.sax.saxutils import escape, unescape
 import numpy as np
 from jaxtyping import Float, Float32
 
+from perception.primitives import safe_input
 from perception.primitives.errors import InputError
+from perception.primitives.safe_input import UnreadableError
 
 from .atomic_write import atomic_path
 
@@ -102,7 +104,7 @@ def load(
         InputError: The file cannot be read, or was written by something else.
     """
     try:
-        content = path.read_bytes()
+        content = safe_input.data(path)
         tags = _tags(content)
         names = re.findall(r'sample="\d+"[^>]*>([^<]*)</Item>', tags[42112].decode())
         (columns,), (rows,), (start,) = tags[256], tags[257], tags[273]
@@ -110,8 +112,8 @@ def load(
         planes = pixels.reshape(rows, columns, len(names))[::-1].astype(np.float32)
         layers = {unescape(name): planes[..., band] for band, name in enumerate(names)}
         cell_m, (left, top) = float(tags[33550][0]), tags[33922][3:5]
-    except OSError as error:
-        raise InputError(f"map layers {path} cannot be read: {error.strerror}") from error
+    except UnreadableError as error:
+        raise InputError(f"map layers {path} {error}") from error
     except (KeyError, ValueError, struct.error, AttributeError) as error:
         raise InputError(
             f"map layers {path}: expected map_layers.tif of a run; open others with GDAL"

@@ -13,10 +13,6 @@ Source: ours.
 from __future__ import annotations
 
 import json
-import struct
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -24,7 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from perception.primitives import safe_input
 from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.safe_input import UnreadableError
 
 from ..grid.confidence import ConfidenceConfig, ConfidenceLayer
 from ..grid.egocentric_grid import EgocentricGrid, GridConfig
@@ -32,12 +30,6 @@ from ..grid.evidence import EvidenceConfig
 from .atomic_write import atomic_path
 
 FORMAT = 2
-DAMAGE = (
-    *(ValueError, SyntaxError, EOFError, KeyError, RuntimeError, MemoryError, OverflowError),
-    *(zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError),
-)
-"""Errors of reading a damaged file: its header, directory, checksum or a length may be wrong."""
-
 PLACES = {"start": ((2,), "f"), "first": ((2,), "i"), "rest": ((2,), "f"), "latest_s": ((), "f")}
 LAYERS = {
     "log_odds": "f",
@@ -112,18 +104,9 @@ def load(path: Path) -> tuple[EgocentricGrid, ConfidenceLayer | None]:
 def _arrays(path: Path) -> dict[str, np.ndarray]:
     """All arrays of the file, with checksums verified and pickles refused."""
     try:
-        file = np.load(path, allow_pickle=False)
-        if isinstance(file, np.ndarray):
-            raise InputError(f"terrain map {path}: one array, expected an .npz of several")
-        with file:
-            return {name: file[name] for name in file.files}
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(f"terrain map {path} cannot be read: {reason}") from error
-    except DAMAGE as error:
-        raise InputError(
-            f"terrain map {path} is no terrain map or damaged ({error}); save it again"
-        ) from error
+        return safe_input.arrays(path)
+    except UnreadableError as error:
+        raise InputError(f"terrain map {path} {error}; save it again") from error
 
 
 def _settings(path: Path, content: Mapping[str, np.ndarray]) -> tuple[dict[str, Any], GridConfig]:
@@ -134,7 +117,7 @@ def _settings(path: Path, content: Mapping[str, np.ndarray]) -> tuple[dict[str, 
         )
     _expect(path, content, "settings", (), "U")
     try:
-        settings = json.loads(str(content["settings"]))
+        settings = safe_input.json(str(content["settings"]))
         values = {k: v for k, v in settings.items() if k != "confidence"}
         values["evidence"] = EvidenceConfig(**values["evidence"])
         return settings, GridConfig(**values)

@@ -165,9 +165,9 @@ def load(path: Path) -> OccupancyMap:
 def _entries(path: Path) -> dict[str, str]:
     """The flat `key: value` lines of the yaml, comments removed."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"map {path} cannot be read: {error}; give the .yaml of a map") from error
+        text = safe_input.text(path)
+    except UnreadableError as error:
+        raise InputError(f"map {path} {error}; give the .yaml of a map") from error
     entries = {}
     for line in text.splitlines():
         match = re.match(r"^(\w+)\s*:\s*(.*?)\s*(#.*)?$", line)
@@ -222,11 +222,9 @@ def _read_image(
 def _read_pgm(path: Path) -> UInt8[np.ndarray, "rows columns"]:
     """A binary PGM of one byte per pixel; comments in its header are skipped."""
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(
-            f"map image {path} cannot be read: {error.strerror}; it must be beside the yaml"
-        ) from error
+        content = safe_input.data(path)
+    except UnreadableError as error:
+        raise InputError(f"map image {path} {error}; it must be beside the yaml") from error
     gap = rb"(?:\s|#[^\n]*\n)+"
     header = re.match(rb"P5" + gap + rb"(\d+)" + gap + rb"(\d+)" + gap + rb"(\d+)\s", content)
     if header is None or int(header[3]) != 255:

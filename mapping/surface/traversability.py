@@ -18,7 +18,9 @@ from jaxtyping import Bool, Float, Float32
 from scipy import ndimage
 from scipy.special import ndtr
 
-from perception.primitives.errors import ConfigError
+from perception.primitives import safe_input
+from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.safe_input import UnreadableError
 from perception.primitives.settings import setting
 
 from ..io import nav2
@@ -155,6 +157,9 @@ def save_nav2(folder: Path, name: str, layers: Traversability) -> Path:
     )
 
 
+SHOWN = ("elevation", "slope", "traversability")  # layers of the report, names of grid_map
+
+
 def save_layers(path: Path, layers: Traversability) -> None:
     """Write all layers as .npz, with the names of grid_map: elevation, slope, step, traversability.
 
@@ -174,6 +179,28 @@ def save_layers(path: Path, layers: Traversability) -> None:
             resolution=np.array(layers.cell_m),
             origin=layers.origin,
         )
+
+
+def load_layers(path: Path) -> dict[str, np.ndarray]:
+    """The arrays that `save_layers` wrote, by name.
+
+    Raises:
+        InputError: The file is damaged, or lacks a layer, or they are not of one shape.
+    """
+    try:
+        found = safe_input.arrays(path)
+    except UnreadableError as error:
+        raise InputError(f"layers {path} {error}; map the recording again") from error
+    shapes = {found[name].shape if name in found else () for name in SHOWN}
+    placed = [found[name].shape if name in found else None for name in ("origin", "resolution")]
+    flat = len(shapes) == 1 and len(shapes.pop()) == 2 and placed == [(2,), ()]
+    if not (flat and all(one.dtype.kind in "fb" for one in found.values())):
+        raise InputError(
+            f"layers {path}: expected layers.npz of `surefoot map`; map the recording again"
+        )
+    if not (found["resolution"] > 0.0 and np.isfinite(found["origin"]).all()):
+        raise InputError(f"layers {path}: impossible resolution or origin; map the recording again")
+    return found
 
 
 def _dense(mesh: Mesh) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "n"]]:

@@ -1,13 +1,15 @@
-"""Reading what somebody else wrote: files, text, TOML, JSON, whole numbers and pictures, within limits.
+"""Reading what somebody else wrote: files, text, TOML, JSON, numbers, arrays and pictures, within limits.
 
 Whatever is wrong with the content is one exception, `UnreadableError`, so that a caller has one thing to report.
 """
 
 from __future__ import annotations
 
+import io
 import json as _json
 import stat
 import tomllib
+import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -15,10 +17,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Shaped
+from jaxtyping import Float64, Shaped
 
 MOST_BYTES = 1 << 30  # of a file
 MOST_TEXT_BYTES = 1 << 28  # of a text file, unpacked
+MOST_ARRAY_BYTES = 1 << 30  # of the arrays of a file together, unpacked
 MOST_PIXELS = 100_000_000  # of a picture
 MOST_DIGITS = 18  # of an integer; 64 bits hold them
 _LARGEST = 10**MOST_DIGITS
@@ -125,6 +128,46 @@ def whole(word: str) -> int | None:
     """A whole number that is not negative, written in the digits 0 to 9; None for anything else."""
     digits = word.isascii() and word.isdigit() and len(word) <= MOST_DIGITS
     return int(word) if digits else None
+
+
+def table(path: Path, delimiter: str | None = None) -> Float64[np.ndarray, "n k"]:
+    """The numbers of a text file, also gzipped, with the same count in every line; # begins a comment.
+
+    Args:
+        path: The file.
+        delimiter: Between numbers; None: blanks.
+
+    Raises:
+        UnreadableError: As of `text`, or a line has no numbers or another count of them, or there is none.
+    """
+    lines = [line.split("#", 1)[0] for line in text(path).splitlines()]
+    lines = [line for line in lines if line.strip()]
+    if not lines:
+        raise UnreadableError("holds no numbers")
+    try:
+        return np.loadtxt(lines, np.float64, delimiter=delimiter, ndmin=2)
+    except ValueError as error:
+        raise UnreadableError(f"is not a table of numbers ({error})") from error
+
+
+def arrays(path: Path) -> dict[str, Shaped[np.ndarray, "..."]]:
+    """The arrays of a file of NumPy (.npz).
+
+    Raises:
+        UnreadableError: As of `data`, or it is damaged, no such file, holds objects, or unpacks to too much.
+    """
+    content = data(path)
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as packed:
+            size = sum(one.file_size for one in packed.infolist())
+        if size > MOST_ARRAY_BYTES:
+            raise UnreadableError(f"unpacks to {size} bytes; {MOST_ARRAY_BYTES} are the most")
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+            return {name: np.asarray(file[name]) for name in file.files}
+    except UnreadableError:
+        raise
+    except Exception as error:  # NumPy and zipfile raise many types for a damaged file
+        raise UnreadableError(f"is damaged, or no .npz of NumPy ({error})") from error
 
 
 def picture(content: bytes, flags: int) -> Shaped[np.ndarray, "..."]:

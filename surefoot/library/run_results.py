@@ -15,6 +15,7 @@ from mapping.grid.egocentric_grid import EgocentricGrid
 from mapping.io import grid_file, nav2
 from mapping.io.nav2 import OccupancyMap
 from mapping.objects.footprints import Footprint
+from mapping.surface.traversability import load_layers
 
 from ..results.footprint_entries import footprint_of
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder
@@ -214,8 +215,7 @@ class Run:
         """Of `surefoot.map`: elevation, slope, step, traversability, (rows, columns); else empty."""
         if not self._files.has("layers.npz"):
             return {}
-        with np.load(self.path("layers.npz"), allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
+        return load_layers(self.path("layers.npz"))
 
 
 def opened(folder: Path, temporary: tempfile.TemporaryDirectory[str] | None) -> Run:

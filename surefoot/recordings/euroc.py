@@ -18,9 +18,11 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.depth.rectification import Rectification, rectification
+from perception.primitives import safe_input
 from perception.primitives.errors import InputError, RecordingError
 from perception.primitives.frame import Frame, Imu, StereoView
 from perception.primitives.pose import CAMERA_IN_BODY_AXES, Pose3
+from perception.primitives.safe_input import UnreadableError
 
 from .description import Description, complete
 from .folder import pictures
@@ -191,7 +193,8 @@ def _pictures(path: Path, camera: str) -> list[Path]:
 def _pairs(path: Path) -> list[tuple[int, Path, Path]]:
     """Stamp, ns, and both images of every stamp that both cameras have; other names are ignored."""
     left, right = (
-        {int(p.stem): p for p in _pictures(path, name) if p.stem.isdigit()} for name in _CAMERAS
+        {int(p.stem): p for p in _pictures(path, name) if safe_input.whole(p.stem) is not None}
+        for name in _CAMERAS
     )
     return [(stamp, left[stamp], right[stamp]) for stamp in sorted(left) if stamp in right]
 
@@ -201,11 +204,10 @@ def _table(path: Path | None, columns: int) -> Float[np.ndarray, "n k"] | None:
     if path is None:
         return None
     try:
-        table = np.loadtxt(path, delimiter=",", ndmin=2)
-    except (OSError, ValueError) as error:
+        table = safe_input.table(path, ",")
+    except UnreadableError as error:
         raise RecordingError(
-            f"{path}: cannot be read ({error}); {columns} numbers per line, separated by commas, "
-            "were expected"
+            f"{path}: {error}; {columns} numbers per line, separated by commas, were expected"
         ) from error
     if table.shape[1] < columns:
         raise RecordingError(

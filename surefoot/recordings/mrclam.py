@@ -15,7 +15,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from perception.primitives import safe_input
 from perception.primitives.errors import RecordingError
+from perception.primitives.safe_input import UnreadableError
 
 ROBOTS = range(1, 6)
 """Subjects 1 to 5 are robots, the others landmarks."""
@@ -77,8 +79,8 @@ def _table(path: Path, columns: int) -> Float[np.ndarray, "n c"]:
     if not path.exists() and not packed.exists():
         raise RecordingError(f"{path}: no such file, nor {packed.name}; is this an MRCLAM folder?")
     try:
-        table = np.loadtxt(path if path.exists() else packed, ndmin=2)
-    except (ValueError, OSError, EOFError) as error:
+        table = safe_input.table(path if path.exists() else packed)
+    except UnreadableError as error:
         raise RecordingError(f"{path}: {error}; expected {columns} numbers per line") from error
     if table.shape[1] != columns or not np.all(np.isfinite(table)):
         raise RecordingError(

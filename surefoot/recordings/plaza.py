@@ -12,6 +12,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from perception.primitives.errors import RecordingError
+from perception.primitives.safe_input import UnreadableError
+
+from .matlab import read_tables
 
 
 @dataclass(frozen=True)
@@ -35,24 +38,20 @@ class RangeLog:
     truth: Float[np.ndarray, "k 4"]
 
 
+_COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4}
+
+
 def read_plaza(path: Path) -> RangeLog:
     """Read a Plaza file (MATLAB).
 
     Raises:
         RecordingError: The file does not exist or lacks a table.
     """
-    from scipy.io import loadmat  # slow to load
-    from scipy.io.matlab import MatReadError
-
     try:
-        tables = loadmat(path)
-        odometry, ranges, beacons = (np.asarray(tables[name], float) for name in ("DR", "TD", "TL"))
-        truth = np.asarray(tables.get("GT", np.empty((0, 4))), float)
-    except (OSError, ValueError, KeyError, IndexError, MatReadError) as error:
-        # IndexError comes from scipy before 1.16, for a file that is no MATLAB file
-        raise RecordingError(
-            f"{path}: {error}; expected a MATLAB file with tables DR, TD and TL"
-        ) from error
+        found = read_tables(path)
+    except UnreadableError as error:
+        raise RecordingError(f"{path} {error}; expected a MATLAB file") from error
+    odometry, ranges, beacons, truth = (_table(path, found, name) for name in _COLUMNS)
     order = np.argsort(ranges[:, 0], kind="stable")
     ranges = ranges[order]
     identities = beacons[:, 0].astype(np.int64).tolist()
@@ -60,3 +59,18 @@ def read_plaza(path: Path) -> RangeLog:
     ranges = ranges[known]
     index = np.array([identities.index(int(row[2])) for row in ranges], np.int64)
     return RangeLog(odometry, ranges[:, 0], index, ranges[:, 3], beacons[:, 1:3], truth)
+
+
+def _table(
+    path: Path, found: dict[str, Float[np.ndarray, "n k"]], name: str
+) -> Float[np.ndarray, "n k"]:
+    """A table of a file; an absent table GT is empty."""
+    columns = _COLUMNS[name]
+    table = found.get(name, np.empty((0, columns if name == "GT" else 0)))
+    if table.shape[1] < columns or (len(table) == 0 and name != "GT"):
+        raise RecordingError(
+            f"{path}: no table {name} of {columns} columns; expected a MATLAB file with tables DR, TD and TL"
+        )
+    if name != "TD" and not np.isfinite(table).all():  # ranges that are none are left out
+        raise RecordingError(f"{path}: table {name} holds numbers that are not finite")
+    return table

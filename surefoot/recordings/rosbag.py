@@ -13,8 +13,8 @@ Sources: rosbags (reading and decoding of messages); REP 103 (axes), REP 105 (na
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -24,42 +24,28 @@ import numpy as np
 from jaxtyping import Float32
 
 from perception.depth.depth_to_colour import colours_of_depth
+from perception.primitives import safe_input
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, RecordingError
 from perception.primitives.frame import ColourView, DepthView, Frame
+from perception.primitives.safe_input import UnreadableError
 
 from .description import Description, complete
 from .poses import ASSOCIATION_S
 from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame
-from .ros_messages import camera_of_info, colour_image, depth_image, is_depth_encoding, is_rectified
+from .ros_messages import camera_of_info, colour_image, depth_image, is_rectified
+from .ros_topics import decoded, find_topics, words
 from .ros_transforms import Transforms
 
+METADATA = "metadata.yaml"
+MOST_METADATA_BYTES = 1 << 20  # ours: a thousand topics
+MOST_NESTED = 20  # ours: brackets of metadata; they have two
 FIXED = ("world", "map", "odom", "vicon", "mocap")
 """Fixed frames, the most global first (REP 105, and frames of motion capture)."""
 
-_IMAGE, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
-_INFO = "sensor_msgs/msg/CameraInfo"
 _TF = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 _PROFILE_BYTES = 64  # magic bytes, then the header, which begins with the profile
 _MAX_WAIT_S = 0.5  # ours: time that a depth image waits for its colour image
-
-
-@dataclass(frozen=True)
-class Topics:
-    """Topics of the recording.
-
-    Args:
-        depth, depth_info: Depth image and its camera.
-        colour, colour_info: Colour image and its camera; None without colour.
-        compressed_depth, compressed_colour: Whether they are compressed.
-    """
-
-    depth: str
-    depth_info: str
-    colour: str | None
-    colour_info: str | None
-    compressed_depth: bool
-    compressed_colour: bool
 
 
 class RosbagRecording:
@@ -122,7 +108,7 @@ class RosbagRecording:
         with self._reader() as reader:
             wanted = (self._topics.depth, self._topics.colour)
             chosen = [c for c in reader.connections if c.topic in wanted]
-            for connection, message in self._messages(reader, chosen, skips):
+            for connection, message in decoded(reader, chosen, skips):
                 stamp = _seconds(message.header.stamp)
                 if connection.topic == self._topics.depth:
                     waiting.append((stamp, message))
@@ -191,29 +177,9 @@ class RosbagRecording:
         pixels = other.project(one.rays).astype(np.float32)
         return np.ascontiguousarray(np.moveaxis(pixels, -1, 0))
 
-    def _messages(
-        self, reader: Any, connections: list[Any], skips: SkipLog
-    ) -> Iterator[tuple[Any, Any]]:
-        """Decoded messages of some topics; skips damaged ones, and ends at a damaged end of the bag."""
-        if not connections:
-            return
-        stream = reader.messages(connections=connections)
-        while True:
-            try:
-                connection, _, raw = next(stream)
-            except StopIteration:
-                return
-            except Exception as error:  # the package raises many types for a damaged file
-                skips.skip("the rest of the bag", f"cannot be read: {_words(error)}")
-                return
-            try:
-                yield connection, reader.deserialize(raw, connection.msgtype)
-            except (ValueError, KeyError, IndexError, AssertionError, MemoryError) as error:
-                skips.skip(f"a message of {connection.topic}", f"is damaged: {_words(error)}")
-
     def _first(self, reader: Any, topic: str) -> Any:
         chosen = [c for c in reader.connections if c.topic == topic]
-        for _, message in self._messages(reader, chosen, SkipLog()):
+        for _, message in decoded(reader, chosen, SkipLog()):
             return message
         raise RecordingError(f"{self._path}: topic {topic} has no readable message")
 
@@ -232,7 +198,7 @@ class RosbagRecording:
     def _read_transforms(self, reader: Any) -> Transforms:
         found = Transforms()
         chosen = [c for c in reader.connections if c.msgtype in _TF]
-        for connection, message in self._messages(reader, chosen, SkipLog()):
+        for connection, message in decoded(reader, chosen, SkipLog()):
             static = connection.topic.endswith("tf_static")
             for one in message.transforms:
                 found.add(
@@ -251,11 +217,13 @@ class RosbagRecording:
 
         with contextlib.ExitStack() as stack:
             try:
+                if self._path.is_dir():
+                    check_metadata(self._path / METADATA)
                 store = get_typestore(Stores.ROS2_HUMBLE)
                 reader = stack.enter_context(AnyReader([self._path], default_typestore=store))
             except Exception as error:
                 raise RecordingError(
-                    f"{self._path}: cannot be read as a ROS bag: {_words(error)}; expected a ROS 1 .bag, "
+                    f"{self._path}: cannot be read as a ROS bag: {words(error)}; expected a ROS 1 .bag, "
                     "a ROS 2 folder with metadata.yaml, or a ROS 2 .mcap"
                 ) from error
             yield reader
@@ -264,7 +232,7 @@ class RosbagRecording:
 def is_rosbag(path: Path) -> bool:
     """Whether a path is a bag, by its name, its metadata, or the profile of an MCAP file."""
     if path.is_dir():
-        return (path / "metadata.yaml").is_file()
+        return (path / METADATA).is_file()
     if path.suffix in (".bag", ".db3"):
         return True
     if path.suffix != ".mcap":
@@ -273,87 +241,14 @@ def is_rosbag(path: Path) -> bool:
         return b"ros2" in file.read(_PROFILE_BYTES)
 
 
-def find_topics(path: Path, reader: Any) -> Topics:
-    """The largest depth stream with a camera, and the colour stream that matches it best.
-
-    Rectified depth images of a camera are preferred if there are at least half as many as raw ones.
-
-    Raises:
-        RecordingError: There are no depth images, or none with a camera; the message lists the topics.
-    """
-    infos = {c.topic for c in reader.connections if c.msgtype == _INFO and c.msgcount}
-    depths, colours = [], []
-    for connection in reader.connections:
-        if connection.msgtype not in (_IMAGE, _COMPRESSED) or not connection.msgcount:
-            continue
-        info = _info_of(connection.topic, infos)
-        kind = _kind(reader, connection)
-        entry = (info is not None, connection.msgcount, connection.topic, info, connection.msgtype)
-        if kind == "depth":
-            depths.append(entry)
-        elif kind == "colour":
-            colours.append(entry)
-    rectified = [d for d in depths if d[0] and is_rectified(d[2])]
-    usable = sorted(
-        (d for d in depths if d[0] and not any(_replaces(r, d) for r in rectified)),
-        key=lambda d: (-d[1], d[4] == _COMPRESSED, d[2]),
-    )
-    if not usable:
-        listed = ", ".join(sorted(f"{c.topic} ({c.msgtype})" for c in reader.connections)) or "none"
-        lacks = "no camera_info for its depth images" if depths else "no depth image"
-        raise RecordingError(f"{path}: {lacks}; its topics are: {listed}")
-    _, _, depth, depth_info, depth_type = usable[0]
-    ranked = sorted(
-        (c for c in colours if c[0]),
-        key=lambda c: (-_shared(depth, c[2]), c[4] == _COMPRESSED, c[2]),
-    )
-    colour = ranked[0] if ranked else None
-    return Topics(
-        depth,
-        str(depth_info),
-        None if colour is None else colour[2],
-        None if colour is None else colour[3],
-        depth_type == _COMPRESSED,
-        colour is not None and colour[4] == _COMPRESSED,
-    )
-
-
-def _replaces(rectified: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
-    """Whether a rectified stream replaces a raw one of the same camera: it has at least half as many images."""
-    same = rectified[3] == other[3] and not is_rectified(other[2])
-    return same and 2 * rectified[1] >= other[1]
-
-
-def _kind(reader: Any, connection: Any) -> str | None:
-    """Kind of an image stream by its first readable message: "depth", "colour" or None."""
-    for _, _, raw in reader.messages(connections=[connection]):
-        try:
-            message = reader.deserialize(raw, connection.msgtype)
-        except (ValueError, KeyError, IndexError, AssertionError, MemoryError):
-            continue
-        if connection.msgtype == _COMPRESSED:
-            return "depth" if "compressedDepth" in message.format else "colour"
-        if is_depth_encoding(message.encoding):
-            return "depth"
-        return "colour" if message.encoding.startswith(("rgb", "bgr", "mono8")) else None
-    return None
-
-
-def _info_of(topic: str, infos: set[str]) -> str | None:
-    """The `camera_info` in the nearest namespace, such as /a/depth/camera_info for /a/depth/image_raw."""
-    space = topic
-    while "/" in space:
-        space = space.rsplit("/", 1)[0]
-        if f"{space}/camera_info" in infos:
-            return f"{space}/camera_info"
-    return None
-
-
-def _shared(a: str, b: str) -> int:
-    """Number of leading parts that two topic names share."""
-    return next(
-        (n for n, (x, y) in enumerate(zip(a.split("/"), b.split("/"), strict=False)) if x != y), 99
-    )
+def check_metadata(path: Path) -> None:
+    """Raise an UnreadableError for metadata that takes a parser of YAML long: large, or nested deeply."""
+    content = safe_input.data(path, MOST_METADATA_BYTES)
+    depth = 0
+    for mark in re.findall(rb"[\[{\]}]", content):
+        depth += 1 if mark in b"[{" else -1
+        if depth > MOST_NESTED:
+            raise UnreadableError("its metadata.yaml is nested too deeply")
 
 
 def _settled(
@@ -367,7 +262,3 @@ def _settled(
 
 def _seconds(stamp: Any) -> float:
     return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
-
-
-def _words(error: Exception) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__

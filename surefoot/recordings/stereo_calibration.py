@@ -13,7 +13,6 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from jaxtyping import Float
 
@@ -110,17 +109,18 @@ def read_opencv_pair(path: Path, width: int, height: int) -> tuple[Camera, float
     Raises:
         RecordingError: A matrix is missing, the two do not match, or the baseline is not positive.
     """
-    try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        matrices = [storage.getNode(name).mat() for name in ("P1", "P2")]
-        storage.release()
-    except (cv2.error, SystemError) as error:
-        raise RecordingError(f"{path}: cannot be read as a file of OpenCV ({error})") from error
-    for name, matrix in zip(("P1", "P2"), matrices, strict=True):
-        if matrix is None or matrix.shape != (3, 4) or not np.isfinite(matrix).all():
-            raise RecordingError(f"{path}: {name} is no 3x4 matrix of finite numbers")
-    P, Q = (np.asarray(matrix, np.float64) for matrix in matrices)
+    text = _read(path)
+    P, Q = (_opencv_matrix(path, text, name) for name in ("P1", "P2"))
     return _rectified(path, path, width, height, P, Q)
+
+
+def _opencv_matrix(path: Path, text: str, name: str) -> Float[np.ndarray, "3 4"]:
+    """A 3x4 matrix of a file of OpenCV's FileStorage."""
+    xml = re.search(rf"<{name}\b[^>]*>(.*?)</{name}>", text, re.DOTALL)
+    if xml is not None:
+        data = re.search(r"<data>([^<]*)</data>", xml[1])
+        text = f"{name}: [{data[1]}]\n" if data else ""
+    return _numbers(path, text, name, (12,)).reshape(3, 4)
 
 
 def _rectified(
@@ -165,7 +165,9 @@ def _read(path: Path) -> str:
 def _numbers(path: Path, text: str, key: str, counts: tuple[int, ...]) -> Float[np.ndarray, "n"]:
     """The list after a key, or after the `data:` indented below it."""
     found = re.search(
-        rf"^{key}:\s*(?:\n(?:[ \t]+\w+:.*\n)*?[ \t]+data:\s*)?\[([^\]]*)\]", text, re.M
+        rf"^{key}:[ \t]*(?:!!\S+)?\s*(?:\n(?:[ \t]+\w+:.*\n)*?[ \t]+data:\s*)?\[([^\]]*)\]",
+        text,
+        re.M,
     )
     expected = " or ".join(str(count) for count in counts)
     if found is None:

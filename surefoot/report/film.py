@@ -17,9 +17,11 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
+from perception.primitives import safe_input
 from perception.primitives.errors import InputError, OutputError
 from perception.primitives.obstacle import MOVING
 from perception.primitives.robot_model import RobotModel
+from perception.primitives.safe_input import UnreadableError
 
 from ..config.load import load
 from ..results.moment import Moment
@@ -149,8 +151,11 @@ def _left(moment: Moment) -> np.ndarray | None:
 def _camera(moment: Moment) -> np.ndarray | None:
     if moment.colour is None:
         return None
-    picture = cv2.imdecode(np.frombuffer(moment.colour, np.uint8), cv2.IMREAD_COLOR)
-    return None if picture is None else _fitted(np.asarray(picture), "camera")
+    try:
+        picture = safe_input.picture(moment.colour, cv2.IMREAD_COLOR)
+    except UnreadableError:
+        return None
+    return _fitted(picture, "camera")
 
 
 def _depth(moment: Moment) -> np.ndarray | None:

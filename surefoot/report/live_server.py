@@ -6,11 +6,12 @@ bound to this machine (DNS rebinding), and takes commands only from its own page
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
+
+from perception.primitives import safe_input
 
 HOST = "127.0.0.1"
 PORT = 8080  # ours; another free one where it is taken
@@ -59,15 +60,19 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         if not self._is_own():
             return
-        parts = urlsplit(self.path)
+        try:
+            parts = urlsplit(self.path)
+        except ValueError as error:
+            self._refuse(400, str(error))
+            return
         if parts.path == "/":
             self._answer(200, "text/html; charset=utf-8", self.server.page.encode())
         elif parts.path == "/moments":
-            number = parse_qs(parts.query).get("from", [""])[0]
-            if not (number.isascii() and number.isdigit() and len(number) < 10):
+            number = safe_input.whole(parse_qs(parts.query).get("from", [""])[0])
+            if number is None:
                 self._refuse(400, "from= takes the number of a moment")
                 return
-            self._answer(200, "application/json", self.server.news(int(number)))
+            self._answer(200, "application/json", self.server.news(number))
         else:
             self._refuse(404, "not here")
 
@@ -78,20 +83,23 @@ class _Handler(BaseHTTPRequestHandler):
         if origin is not None and origin != f"http://{self.headers.get('Host')}":
             self._refuse(403, "commands come from the page itself")
             return
-        kind, size = self.headers.get("Content-Type", ""), self.headers.get("Content-Length", "")
-        if self.path != "/walk" or kind != "application/json" or not size.isdigit() or int(size) > LONGEST_COMMAND:  # fmt: skip
+        kind = self.headers.get("Content-Type", "")
+        length = safe_input.whole(self.headers.get("Content-Length", ""))
+        right = self.path == "/walk" and kind == "application/json"
+        if not right or length is None or length > LONGEST_COMMAND:
             self._refuse(400, "expected a JSON object for /walk")
             return
         try:
-            self.server.command(json.loads(self.rfile.read(int(size))))
+            self.server.command(safe_input.json(self.rfile.read(length)))
         except (ValueError, TypeError, AttributeError) as error:
             self._refuse(400, str(error))
             return
         self._answer(200, "application/json", b"{}")
 
     def _is_own(self) -> bool:
-        name = urlsplit(f"//{self.headers.get('Host', '')}").hostname
-        if name in NAMES:
+        host = self.headers.get("Host", "")
+        name = host.rpartition(":")[0] if ":" in host else host
+        if name.lower() in NAMES:
             return True
         self._refuse(403, f"this page answers as localhost only, not as {name!r}")
         return False

@@ -18,7 +18,7 @@ from perception.primitives.errors import InputError, SurefootError
 from ..results import run_lock
 from ..results.moment import Moment
 from ..results.moments import ESTIMATES, held, moments_of
-from ..results.run_folder import MARK, RunFolder
+from ..results.run_folder import RunFolder
 from .live_pace import Pace
 from .live_server import LiveServer
 from .replay.entry import Entries
@@ -67,7 +67,7 @@ class LivePage:
 
         def grows() -> bool:
             time.sleep(LOOK_S)
-            return run_lock.is_held(run.path(MARK))
+            return run_lock.is_held(run.root)
 
         self._begin(run, moments_of(path, grows))
 

@@ -54,12 +54,11 @@ def views_section(run: RunFolder) -> str:
 
 def stages_section(run: RunFolder) -> str:
     """Stages of the monocular cycle, at most `MAX_STAGES` frames; empty without pictures."""
-    pictures = sorted(run.root.glob("stages-*.png"))
+    pictures = run.stages()
     step = max(1, math.ceil(len(pictures) / MAX_STAGES))
-    shown = [(path, int(path.stem.split("-")[1])) for path in pictures[::step]]
     labelled = [
         (f"frame {number}", _captioned("png", path.read_bytes(), f"frame {number}"))
-        for path, number in shown
+        for number, path in pictures[::step]
     ]
     sentence = (
         "A and B: previous and current image. C: floor by colour. D: edges of the obstacles. E: optical flow. "

@@ -13,6 +13,8 @@ from perception.primitives import safe_input
 from perception.primitives.errors import OutputError
 from perception.primitives.safe_input import UnreadableError
 
+from . import run_json
+
 
 def cell(value: object) -> str:
     """A value as a CSV cell; floats are written without loss, None and NaN as an empty cell."""
@@ -42,14 +44,16 @@ def plain_json(value: Any) -> Any:
     return value
 
 
-def parse_json_lines(path: Path) -> list[Any]:
-    """The objects of an unfinished `JsonStream`, one per line; an incomplete last line is dropped."""
+def parse_json_lines(path: Path, shape: Any) -> list[Any]:
+    """The objects of an unfinished `JsonStream`, one per line, up to the first that is not whole or of another shape."""
     found = []
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines()[1:]:
-        try:
-            found.append(safe_input.json(line))
-        except UnreadableError:
-            break
+    try:
+        for line in safe_input.data(path).splitlines()[1:]:
+            one = safe_input.json(line)
+            run_json.check(one, shape)
+            found.append(one)
+    except UnreadableError:
+        pass
     return found
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from mapping.objects.footprints import Footprint
-from perception.primitives.errors import RecordingError
+from perception.primitives.errors import InputError, RecordingError
 from perception.primitives.robot_model import RobotModel
 
 from ..mcap_file import DAMAGE, MAGIC, WRONG, TopicWriter, messages, nanoseconds
@@ -60,6 +60,8 @@ class MomentWriter:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         path = self._folder.path(ESTIMATES)
+        if path.stat().st_size < state["_topics"]:
+            raise InputError(f"its {ESTIMATES} has lost its last moments")
         self._topics = TopicWriter(path, JSON_TOPICS, "estimates", keep=state["_topics"])
 
     def write(self, moment: Moment) -> None:

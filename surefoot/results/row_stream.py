@@ -14,6 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from perception.primitives.errors import InputError
+
 from .formats import cell, plain_json, refuse
 from .run_folder import PART, RunFolder
 
@@ -74,6 +76,8 @@ class RowStream:
         self.__dict__.update(state)
         length = state["_file"]
         self._open("r+b")
+        if self._file.seek(0, os.SEEK_END) < length:
+            raise InputError(f"its table {self._name} has lost its last rows")
         self._file.truncate(length)
         self._file.seek(length)
 

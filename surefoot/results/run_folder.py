@@ -21,17 +21,17 @@ from typing import Any
 
 import numpy as np
 
+from mapping.io.atomic_write import PART
 from perception.primitives import safe_input
 from perception.primitives.errors import InputError, OutputError, RecordingError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.safe_input import UnreadableError
 
-from . import run_lock
+from . import run_json, run_lock
 from .formats import cell, parse_json_lines, plain_json, refuse, tum_line
 from .tables import Table, Trajectory, read_table, read_tum
 
 MARK = ".surefoot-run"
-PART = ".part-"  # prefix of the names of unfinished files
 RECORDING = "recording.mcap"
 BATCH_TABLE = "summary.csv"  # of a folder of runs, one row per recording
 COVARIANCE_HEADER = (
@@ -54,7 +54,7 @@ _OUTPUTS = (  # files and folders that a repeated run deletes before it starts
     "graph.g2o", "layers.npz", "panorama.json", "panorama.npz", "panorama.ply", "panorama_obstacles.png",
     "monocular.json", "figures", "views", "truth", "estimates.mcap", "film.webp", "film.json",
 )  # fmt: skip
-_OUTPUT_PATTERNS = (f"{PART}*", "stages-*.png", ".map-*.*", ".cloud-*.ply", ".checkpoint*")
+_OUTPUT_PATTERNS = (f"{PART}*", "stages-*.png", ".checkpoint*")
 
 
 @dataclass(frozen=True)
@@ -113,8 +113,24 @@ class RunFolder:
             raise OutputError(
                 f"{path} is not the folder of a run of surefoot; choose another --out"
             )
-        run_lock.hold(folder, path / MARK)
-        return folder
+        return folder.hold()
+
+    def hold(self) -> RunFolder:
+        """Keep other processes from writing into the folder for as long as this object is there; returns it.
+
+        Raises:
+            OutputError: Another process writes into it.
+        """
+        run_lock.hold(self, self.root)
+        return self
+
+    def sweep(self, below: str = "") -> None:
+        """Delete what writers that were killed have left unfinished, in the folder or in one below it."""
+        for left in (self.root / below).glob(f"{PART}*"):
+            if left.is_dir() and not left.is_symlink():
+                shutil.rmtree(left, ignore_errors=True)
+            else:
+                left.unlink(missing_ok=True)
 
     @staticmethod
     def open(path: Path) -> RunFolder:
@@ -171,6 +187,15 @@ class RunFolder:
             for part in self.root.glob(f"{PART}*.{ending}")
             if part.is_file()
         )
+
+    def stages(self) -> list[tuple[int, Path]]:
+        """Frame and picture of every stages-NNNNNN.png of a monocular run, in order."""
+        found = (
+            (safe_input.whole(path.stem.removeprefix("stages-")), path)
+            for path in self.root.glob("stages-*.png")
+            if path.is_file()
+        )
+        return sorted((number, path) for number, path in found if number is not None)
 
     def path(self, name: str) -> Path:
         """Path of a file of this run; "/" separates folders."""
@@ -285,23 +310,32 @@ class RunFolder:
             self.write_bytes(f"truth/{source.relative_to(beside).as_posix()}", source.read_bytes())
         return True
 
+    def read_text(self, name: str) -> str | None:
+        """A text file of the run; None if there is none that can be read."""
+        try:
+            return safe_input.text(self.path(name))
+        except UnreadableError:
+            return None
+
     def read_json(self, name: str) -> Any | None:
-        """Content of a JSON file of the run; None if there is no such file.
+        """Content of a JSON file of the run that `run_json` knows; None if there is no such file.
 
         An unfinished list of a killed run (obstacles.json) is read as far as it goes.
 
         Raises:
-            RecordingError: The file is not JSON.
+            RecordingError: The file is not JSON, or of another shape.
         """
         part = self.root / f"{PART}{name}"
         if not self.has(name) and part.is_file():
-            return {"tracks": parse_json_lines(part), "footprints": []}
+            return {"tracks": parse_json_lines(part, run_json.TRACK), "footprints": []}
         if not self.has(name):
             return None
         try:
-            return safe_input.json(safe_input.text(self.path(name)))
+            found = safe_input.json(safe_input.text(self.path(name)))
+            run_json.check(found, run_json.SHAPES[name])
         except UnreadableError as error:
             raise RecordingError(f"{self.path(name)} {error}; make the run again") from error
+        return found
 
     def read_csv(self, name: str) -> Table | None:
         """A table of the run; None if it is absent or has no rows.

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import csv
 import html
-import json
 import os
 import shutil
 import time
@@ -21,13 +20,21 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from mapping.io.atomic_write import PART
 from perception.primitives.errors import ConfigError, InputError, OutputError, SurefootError
 
+from ..config import toml
 from ..config.schema import Config
+from ..recordings.identity import identity
 from ..recordings.open import holds_recording
+from ..results.formats import refuse
+from ..results.run_folder import BATCH_TABLE, MARK, RunFolder
+from ..results.version import version
 from .worker_pool import run_all
 
-TABLE = "summary.csv"
+TABLE = BATCH_TABLE
 DONE, KEPT, FAILED = "done", "done before", "failed"
 DEATHS = 3  # ours: workers that a recording may kill before it counts as failed
 
@@ -80,22 +87,30 @@ def process_all(
         One row per recording, in the order of their paths.
 
     Raises:
-        InputError: There is no recording, or two recordings would get the same name.
+        InputError: There is no recording, two recordings would get the same name, or the folder holds a run of another
+            recording, version or configuration.
         ConfigError: Dask is not installed, or no scheduler answers at the address.
-        OutputError: The folder cannot be written.
+        OutputError: The folder cannot be written, or another process writes into it.
     """
     recordings = find_all(places)
     names = _names(recordings)
     try:
         out.mkdir(parents=True, exist_ok=True)
+        folder = RunFolder(out)
+        if folder.has(MARK):
+            raise OutputError(f"output folder {out} is that of a single run; choose another --out")
+        folder.hold()
+        folder.sweep()
     except OSError as error:
-        raise OutputError(f"output folder {out} cannot be made: {error.strerror}") from error
-    times = _times(out)
+        refuse(error, out)
+    times = known_times(out)
     rows = {
-        path: _row_of(path, out / name, KEPT, times.get(str(path), 0.0))
+        path: row_of(path, out / name, KEPT, times.get(str(path), 0.0))
         for path, name in zip(recordings, names, strict=True)
         if _finished(out / name)
     }
+    for path in rows:
+        _refuse_other(path, Path(rows[path].run), config)
     todo = [(p, out / n) for p, n in zip(recordings, names, strict=True) if p not in rows]
     if rows:
         say(f"{len(rows)} of {len(recordings)} recordings were done before")
@@ -157,7 +172,7 @@ def process_one(path: Path, target: Path, config: Config) -> Row:
     from .process import process
 
     began = time.perf_counter()
-    part = target.with_name(f".part-{target.name}-{uuid.uuid4().hex[:8]}")
+    part = target.with_name(f"{PART}{target.name}-{uuid.uuid4().hex[:8]}")
     try:
         process(path, None, config, part, lambda text: None)
         _name_finally(part, target)
@@ -171,9 +186,9 @@ def process_one(path: Path, target: Path, config: Config) -> Row:
         shutil.rmtree(part, ignore_errors=True)
         words = f"unexpected {type(error).__name__}: {_words(error)}"
         return Row(str(path), "", FAILED, wall_s=_since(began), error=words)
-    for stale in target.parent.glob(f".part-{target.name}-*"):  # of workers that were killed
+    for stale in target.parent.glob(f"{PART}{target.name}-*"):  # of workers that were killed
         shutil.rmtree(stale, ignore_errors=True)
-    return _row_of(path, target, DONE, _since(began))
+    return row_of(path, target, DONE, _since(began))
 
 
 def _name_finally(part: Path, target: Path) -> None:
@@ -266,21 +281,41 @@ def _finished(run: Path) -> bool:
     return (run / "summary.json").is_file() and (run / "report.html").is_file()
 
 
-def _row_of(path: Path, run: Path, status: str, wall_s: float = 0.0) -> Row:
-    summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
+def _refuse_other(path: Path, run: Path, config: Config) -> None:
+    """Raise an InputError if a finished run is not that of this recording, configuration and version."""
+    made = RunFolder(run)
+    summary = made.read_json("summary.json") or {}
+    now = {
+        "of another recording": (summary.get("recording_identity"), identity(path)),
+        "by another version of surefoot": (summary.get("version"), version()),
+        "with another configuration": (made.read_text("config.toml"), toml.dumps(config)),
+    }
+    for words, (then, wanted) in now.items():
+        if then != wanted:
+            raise InputError(f"{run} was made {words}; choose another --out, or delete it")
+
+
+def row_of(path: Path, run: Path, status: str, wall_s: float = 0.0) -> Row:
+    """The row of a recording whose run is complete.
+
+    Raises:
+        RecordingError: The summary of the run is damaged.
+    """
+    summary = RunFolder(run).read_json("summary.json") or {}
+    skipped = summary.get("skipped") or {}
     return Row(
         str(path),
         str(run),
         status,
-        int(summary["frames"]),
-        sum(summary["skipped"].values()),
-        round(float(summary["seconds"]), 3),
+        summary.get("frames", 0),
+        sum(skipped.values()) if isinstance(skipped, dict) else skipped,
+        round(float(summary.get("seconds") or 0.0), 3),
         round(wall_s, 1),
     )
 
 
 def _write(out: Path, recordings: Sequence[Path], rows: dict[Path, Row]) -> None:
-    part = out / f".{TABLE}-{os.getpid()}"
+    part = out / f"{PART}{TABLE}"
     with part.open("w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, [item.name for item in fields(Row)])
         table.writeheader()
@@ -288,12 +323,17 @@ def _write(out: Path, recordings: Sequence[Path], rows: dict[Path, Row]) -> None
     os.replace(part, out / TABLE)
 
 
-def _times(out: Path) -> dict[str, float]:
-    """Processing time of each recording by an earlier table, s."""
-    if not (out / TABLE).is_file():
+def known_times(out: Path) -> dict[str, float]:
+    """Processing time of each recording by an earlier table, s.
+
+    Raises:
+        RecordingError: The table is damaged.
+    """
+    table = RunFolder(out).read_csv(TABLE)
+    if table is None:
         return {}
-    with (out / TABLE).open(newline="", encoding="utf-8") as file:
-        return {row["recording"]: float(row["wall_s"]) for row in csv.DictReader(file)}
+    seconds = np.nan_to_num(table.numbers("wall_s")).tolist()
+    return dict(zip(table.words("recording"), seconds, strict=True))
 
 
 def _since(began: float) -> float:

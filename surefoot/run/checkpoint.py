@@ -15,7 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from perception.obstacles.tracker import ObstacleTracker
+from perception.primitives import safe_input
 from perception.primitives.errors import InputError
+from perception.primitives.safe_input import UnreadableError
 
 from ..config import toml
 from ..config.schema import Config
@@ -90,8 +92,7 @@ class Keeper:
         """Delete the checkpoint of a complete run."""
         (self._folder.root / NAME).unlink(missing_ok=True)
         shutil.rmtree(self._folder.root / TABLES, ignore_errors=True)
-        for left in self._folder.root.glob(f"{PART}*"):  # by writers that were killed
-            shutil.rmtree(left) if left.is_dir() else left.unlink()
+        self._folder.sweep()
 
     def _write(self, state: State) -> None:
         if not self._able:
@@ -122,7 +123,8 @@ def load(folder: RunFolder, config: Config, recording: str) -> State | None:
     if not path.is_file():
         return None
     try:
-        kept = object_file.loads(path.read_bytes())
+        _refuse_links(folder)
+        kept = object_file.loads(safe_input.data(path))
         for name, value in _made_by(config, recording).items():
             if kept["made_by"][name] != value:
                 raise InputError(f"it was made {_OTHERS[name]}")
@@ -131,12 +133,19 @@ def load(folder: RunFolder, config: Config, recording: str) -> State | None:
             config.tracker
         )  # loads the user's motion model, whose tracks the state may hold
         state = object_file.loads(kept["state"], {"folder": folder})
-    except (InputError, OSError, KeyError, TypeError) as error:
+    except (InputError, UnreadableError, KeyError, TypeError) as error:
         raise InputError(f"{path}: cannot resume: {error}; run without --resume") from error
     if not isinstance(state, State):
         raise InputError(f"{path}: cannot resume: it holds no state; run without --resume")
     shutil.rmtree(folder.root / TABLES, ignore_errors=True)
     return state
+
+
+def _refuse_links(folder: RunFolder) -> None:
+    """Raise an InputError if writing into the folder would write elsewhere."""
+    links = sorted(one.name for one in folder.root.iterdir() if one.is_symlink())
+    if links:
+        raise InputError(f"{links[0]} is a link, and a run writes into its own folder only")
 
 
 _OTHERS = {

@@ -104,7 +104,7 @@ def process(
     if description is not None:
         words += ["--description", str(description)]
     moves = "camera" if isinstance(source, CameraPoseSource) else "body"
-    entries = {"command": shlex.join(words), "trajectory": moves}
+    entries = {"command": shlex.join(words), "trajectory": moves, "recording_identity": recorded}
     recorder.finish(pipeline, summary.as_dict() | entries)
     if not interrupted:
         keeper.done()

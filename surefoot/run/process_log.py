@@ -13,6 +13,7 @@ from perception.primitives.gaussian import Gaussian
 
 from ..config import toml
 from ..config.schema import Config
+from ..recordings.identity import identity
 from ..recordings.robot_log import RobotLog, open_robot_log
 from ..results.moment import Moment
 from ..results.moments import MomentWriter
@@ -71,6 +72,7 @@ def process_log(path: Path, config: Config, out: Path | None, say: Say) -> Summa
         "version": version(),
         "command": shlex.join(["surefoot", "process", str(path)]),
         "trajectory": "body",
+        "recording_identity": identity(path),
         "landmarks": [[identity, x, y, 0.0, 0.0] for identity, (x, y) in places],
     }
     folder.write_json("summary.json", summary.as_dict() | entries)

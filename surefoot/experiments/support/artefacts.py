@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
-import json
 import os
 import time
 from collections.abc import Mapping, Sequence
@@ -20,16 +19,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from perception.primitives import safe_input
 from perception.primitives.errors import OutputError
+from perception.primitives.safe_input import UnreadableError
 
 from ...config import toml
 from ...config.schema import Config
 from ...report import experiment_page
 from ...report.plots import figures as figure_plot
 from ...report.plots import style
-from ...results import latex
+from ...results import latex, run_json
 from ...results.formats import cell, plain_json, refuse
 from ...results.run_folder import RunFolder
+from ...results.run_json import Maybe, Some, Values
 from ...results.version import commit, version
 from . import experiment as experiments
 from .experiment import Experiment, Outcome, Say, Target
@@ -41,6 +43,11 @@ RESULT = "result.json"
 MAIN = "figure"
 TRIALS = "trials"
 CODE_LETTERS = 16  # of the hash of all source files
+SHAPE = {
+    "title": str, "seeds": int, "figures": Values(Maybe(Some((float, bool)))), "targets": Values([Some((str, float)), 2]),
+    "code?": str, "body?": Maybe(str), "smaller?": Values(float), "files?": [str],
+}  # fmt: skip
+"""What is read of an earlier result.json."""
 HEADER = ("figure", "value", "low", "high", "relation", "bound", "met", "published")
 
 
@@ -89,7 +96,8 @@ def perform(order: Order, out: Path | None, say: Say) -> dict[str, Any]:
         The content of result.json.
 
     Raises:
-        OutputError: The folder holds other files or cannot be written; told before anything runs.
+        OutputError: The folder holds other files, another process writes into it, or it cannot be written; told before
+            anything runs.
         InputError: Of the experiment, such as recordings that are absent.
     """
     folder = _opened(default_folder(order.experiment.id) if out is None else out, out is not None)
@@ -151,10 +159,12 @@ def verdicts(result: Mapping[str, Any]) -> list[dict[str, Any]]:
 def read(folder: Path) -> dict[str, Any] | None:
     """The content of result.json; None if there is none or it cannot be read."""
     try:
-        found = json.loads((folder / RESULT).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        found = safe_input.json(safe_input.text(folder / RESULT))
+        run_json.check(found, SHAPE)
+    except UnreadableError:
         return None
-    return found if isinstance(found, dict) and "figures" in found else None
+    known = all(relation in experiments.COMPARE for relation, _ in found["targets"].values())
+    return dict(found) if known else None
 
 
 def figures_csv(result: Mapping[str, Any]) -> str:
@@ -210,6 +220,9 @@ def _opened(place: Path, asked_for: bool) -> RunFolder:
                 f"output folder {place} is not empty and not that of an experiment; choose another --out"
             )
         place.mkdir(parents=True, exist_ok=True)
+        folder.hold()
+        folder.sweep()
+        folder.sweep(TRIALS)
     except OSError as error:
         refuse(error, place)
     with folder.staged():  # refused now if nothing can be written

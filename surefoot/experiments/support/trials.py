@@ -23,8 +23,9 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from mapping.io.atomic_write import atomic_path
-from perception.primitives import plugins
+from perception.primitives import plugins, safe_input
 from perception.primitives.errors import InputError
+from perception.primitives.safe_input import UnreadableError
 
 from ...results import object_file
 from ...run.worker_pool import end_with_parent
@@ -178,8 +179,8 @@ def _stored(place: Path | None) -> tuple[Any] | None:
     if place is None or not place.is_file():
         return None
     try:
-        return (object_file.loads(place.read_bytes()),)
-    except (OSError, InputError):
+        return (object_file.loads(safe_input.data(place)),)
+    except (UnreadableError, InputError):
         return None
 
 

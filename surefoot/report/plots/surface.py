@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from mapping.io.clouds import load_ply
+from mapping.surface.traversability import SHOWN, load_layers
 
 from ...results.run_folder import RunFolder
 from .style import ESTIMATE, WIDTH_IN, Drawn, sheet
@@ -58,11 +59,9 @@ def layers(run: RunFolder) -> Drawn | None:
     """Height, slope and traversability of the floor; None without layers.npz."""
     if not run.has("layers.npz"):
         return None
-    with np.load(run.path("layers.npz")) as saved:
-        height, slope, probability = (
-            saved[name] for name in ("elevation", "slope", "traversability")
-        )
-        (left, bottom), cell_m = saved["origin"], float(saved["resolution"])
+    saved = load_layers(run.path("layers.npz"))
+    height, slope, probability = (saved[name] for name in SHOWN)
+    (left, bottom), cell_m = saved["origin"], float(saved["resolution"])
     if not np.isfinite(height).any():
         return None
     extent = (left, left + cell_m * height.shape[1], bottom, bottom + cell_m * height.shape[0])

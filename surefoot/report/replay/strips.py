@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import cv2
 import numpy as np
+
+from perception.primitives import safe_input
+from perception.primitives.safe_input import UnreadableError
 
 from ...results.moment import Moment
 from ...results.run_folder import RunFolder
@@ -28,30 +32,31 @@ def extra_strips(run: RunFolder, moments: Sequence[Moment]) -> list[Strip]:
             continue
         strip = strips.setdefault(name, Strip(name.capitalize(), wide=True))
         moment = int(np.searchsorted(stamps, float(view["stamp"]) - 1e-6))
-        _add(strip, min(moment, len(moments) - 1), run.path(view["file"]).read_bytes())
-        strip.labels.append(f"{view['name']}, at {float(view['stamp']) - stamps[0]:.1f} s")
+        label = f"{view['name']}, at {float(view['stamp']) - stamps[0]:.1f} s"
+        _add(strip, min(moment, len(moments) - 1), run.path(view["file"]), label)
     if run.has("panorama_obstacles.png"):
         strip = strips.setdefault("panorama", Strip("Panorama of all views", wide=True))
-        _add(strip, 0, run.path("panorama_obstacles.png").read_bytes(), PANORAMA_PX)
-        strip.labels.append("range, with obstacles and gaps")
-    stages = sorted(run.root.glob("stages-*.png"))
+        picture = run.path("panorama_obstacles.png")
+        _add(strip, 0, picture, "range, with obstacles and gaps", PANORAMA_PX)
+    stages = run.stages()
     every = max(1, -(-len(stages) // MOST))
     for k in range(0, min(len(stages), len(moments)), every):
         strip = strips.setdefault("stages", Strip("Stages of the monocular cycle", wide=True))
-        _add(strip, k, stages[k].read_bytes())
-        strip.labels.append(
-            f"frame {int(stages[k].stem.split('-')[1])}: A, B images; C floor; D edges; E flow; F least flow; "
-            "G prediction; H result"
-        )
+        number, picture = stages[k]
+        label = f"frame {number}: A, B images; C floor; D edges; E flow; F least flow; G prediction; H result"
+        _add(strip, k, picture, label)
     return [strip for strip in strips.values() if strip.shots]
 
 
-def _add(strip: Strip, moment: int, data: bytes, widest_px: int = WIDTH_PX) -> None:
-    """The picture at the width of the page."""
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    assert picture is not None, "the run has encoded it"
+def _add(strip: Strip, moment: int, path: Path, label: str, widest_px: int = WIDTH_PX) -> None:
+    """The picture at the width of the page, with its caption; nothing if it cannot be decoded."""
+    try:
+        picture = safe_input.picture(safe_input.data(path), cv2.IMREAD_COLOR)
+    except UnreadableError:
+        return
     if picture.shape[1] > widest_px:
-        height = round(picture.shape[0] * widest_px / picture.shape[1])
+        height = max(1, round(picture.shape[0] * widest_px / picture.shape[1]))
         picture = cv2.resize(picture, (widest_px, height), interpolation=cv2.INTER_AREA)
     small = cv2.imencode(".webp", picture, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])[1]
     strip.shots.append(Shot(moment, small.tobytes()))
+    strip.labels.append(label)

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from mapping.io import clouds, geotiff, nav2, world_file
+from mapping.surface.traversability import load_layers
 from perception.primitives.errors import SurefootError
 
 from ...config.load import load
@@ -130,10 +131,10 @@ def _layers(
         grey = np.repeat(np.clip(level, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
         yield _layer("occupancy", grey, grid.known, grid.origin, grid.cell_m)
     if run.has("layers.npz"):
-        with np.load(run.path("layers.npz")) as saved:
-            origin, cell_m = saved["origin"], float(saved["resolution"])
-            for name, key in (("floor height", "elevation"), ("traversable", "traversability")):
-                yield from _scaled(name, saved[key], origin, cell_m)
+        saved = load_layers(run.path("layers.npz"))
+        origin, cell_m = saved["origin"], float(saved["resolution"])
+        for name, key in (("floor height", "elevation"), ("traversable", "traversability")):
+            yield from _scaled(name, saved[key], origin, cell_m)
     elif run.has(world_file.LAYERS):
         bands, origin, cell_m = geotiff.load(run.path(world_file.LAYERS))
         yield from _scaled("height", bands["height_m"], origin, cell_m)

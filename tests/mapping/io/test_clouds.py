@@ -98,14 +98,35 @@ def test_a_cloud_is_written_and_read_back(tmp_path):
     assert [f.name for f in tmp_path.iterdir()] == ["c.ply"]
     with pytest.raises(OutputError, match="cannot write"):
         save_ply(tmp_path / "none" / "c.ply", points)
-    (tmp_path / "bad.ply").write_text("not a cloud")
-    with pytest.raises(InputError, match="holds no points"):
-        load_ply(tmp_path / "bad.ply")
 
 
-def test_a_missing_cloud_is_reported(tmp_path):
-    with pytest.raises(InputError, match="does not exist"):
-        load_ply(tmp_path / "none.ply")
+HEAD = b"ply\nformat binary_little_endian 1.0\nelement vertex 1\n"
+XYZ = b"property float x\nproperty float y\nproperty float z\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (None, "No such file"),
+        (b"not a cloud", "is no PLY"),
+        (HEAD.replace(b"binary_little_endian", b"ascii") + XYZ + b"end_header\n0 0 0\n", "ascii"),
+        (HEAD + XYZ + b"end_header\n" + bytes(11), "cut off: 1 points"),
+        (
+            HEAD.replace(b" 1\n", b" 99999999999999999\n") + XYZ + b"end_header\n" + bytes(12),
+            "cut off",
+        ),
+        (HEAD + b"property list uchar int x\nend_header\n", "no number"),
+        (HEAD + XYZ[:17] + b"end_header\n" + bytes(12), "holds no points"),
+        (b"ply\nelement face 1\nend_header\n", "holds no points"),
+        (HEAD + XYZ + b"end_header\n" + bytes(8) + b"\0\0\xc0\x7f", "no points within"),
+    ],
+)
+def test_a_cloud_that_cannot_be_read_is_refused_with_its_reason(tmp_path, content, words):
+    path = tmp_path / "a.ply"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=words):
+        load_ply(path)
 
 
 def test_further_numbers_are_averaged_per_voxel_and_survive_thinning():

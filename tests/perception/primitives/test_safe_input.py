@@ -120,3 +120,41 @@ def test_the_size_of_a_picture_is_looked_at_before_its_pixels():
             safe_input.picture(content[:20], cv2.IMREAD_COLOR)
     with pytest.raises(UnreadableError, match="cannot be decoded"):
         safe_input.picture(b"", cv2.IMREAD_COLOR)
+
+
+def test_a_table_of_numbers_is_read_and_anything_else_refused(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("# stamp, x\n1,2.5 # two\n\n3,nan\n")
+    np.testing.assert_array_equal(safe_input.table(path, ","), [[1.0, 2.5], [3.0, np.nan]])
+    packed = tmp_path / "a.dat.gz"
+    packed.write_bytes(gzip.compress(b"1 2\n3 4\n"))
+    np.testing.assert_array_equal(safe_input.table(packed), [[1.0, 2.0], [3.0, 4.0]])
+    for content, message in (
+        ("# nothing\n", "holds no numbers"),
+        ("1,2\n3\n", "not a table of numbers"),
+        ("1,x\n", "not a table of numbers"),
+        ("\u0661,2\n\u00b2,2\n", "not a table of numbers"),
+    ):
+        path.write_text(content)
+        with pytest.raises(UnreadableError, match=message):
+            safe_input.table(path, ",")
+
+
+def test_arrays_are_read_without_objects_and_within_a_limit(tmp_path, monkeypatch):
+    path = tmp_path / "a.npz"
+    np.savez_compressed(path, a=np.arange(3), b=np.zeros((2, 2)))
+    found = safe_input.arrays(path)
+    np.testing.assert_array_equal(found["a"], [0, 1, 2])
+    assert found["b"].shape == (2, 2)
+    whole = path.read_bytes()
+    for content in (b"", b"x" * 99, whole[:-9], whole[:60] + b"\xff" + whole[61:]):
+        path.write_bytes(content)
+        with pytest.raises(UnreadableError, match=r"is damaged, or no \.npz"):
+            safe_input.arrays(path)
+    np.savez(path, a=np.array([{}], dtype=object))
+    with pytest.raises(UnreadableError, match=r"is damaged, or no \.npz"):
+        safe_input.arrays(path)
+    np.savez_compressed(path, a=np.zeros(100_000))
+    monkeypatch.setattr(safe_input, "MOST_ARRAY_BYTES", 1000)
+    with pytest.raises(UnreadableError, match="unpacks to 800128 bytes; 1000"):
+        safe_input.arrays(path)

@@ -115,6 +115,16 @@ def test_a_truncated_bag_gives_its_complete_frames_or_an_error(tmp_path, kind):
     assert len(given) < 40
 
 
+@pytest.mark.parametrize(
+    ("content", "words"), [("[" * 2000, "nested too deeply"), ("a: 1\n" * 300_000, "are the most")]
+)
+def test_metadata_that_takes_long_to_parse_is_refused_at_once(tmp_path, content, words):
+    bag = write_bag(tmp_path / "walk", "ros2")
+    (bag / "metadata.yaml").write_text(content)
+    with pytest.raises(RecordingError, match=words):
+        open_recording(bag)
+
+
 def test_the_error_of_a_bag_without_depth_lists_its_topics(tmp_path):
     bag = Bag(tmp_path / "walk", "ros2")
     bag.write("/cam/rgb/image", bag.image(1.0, "camera", colour(0), "rgb8"), 1.0)

@@ -286,7 +286,17 @@ def test_a_run_whose_writer_was_killed_is_shown_to_its_last_whole_part(page, wal
 
 
 @pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:8080", "localhost.evil.example", "0.0.0.0", ""]
+    "host",
+    [
+        "evil.example",
+        "evil.example:8080",
+        "localhost.evil.example",
+        "0.0.0.0",
+        "",
+        "[",
+        "a@localhost",
+        "localhost@a:1",
+    ],
 )
 def test_a_name_that_was_bound_to_this_machine_gets_no_answer(page, host):
     assert ask(page, "/", Host=host)[0] == 403
@@ -307,7 +317,12 @@ def test_another_site_cannot_command_the_walk(page):
     assert ask(page, "/walk", {"paused": True}, **{"Content-Type": "text/plain"})[0] == 400
     assert ask(page, "/walk", {"speed": 0.0})[0] == 400
     assert ask(page, "/walk", {"speed": "fast"})[0] == 400
+    assert ask(page, "/walk", [])[0] == 400
+    assert ask(page, "/walk", {"speed": 10**20})[0] == 400
+    assert ask(page, "/walk", {}, **{"Content-Length": "\u00b2"})[0] == 400
     assert ask(page, "/moments?from=-1")[0] == 400
+    assert ask(page, "/moments?from=%C2%B2")[0] == 400
+    assert ask(page, "//[")[0] == 400
     assert ask(page, "/estimates.mcap")[0] == 404
     assert not news(page, 0)[0]["paused"]
 

@@ -144,6 +144,7 @@ def forged(nodes, blobs=(), root=None):
         [["object", "subprocess:Popen", {}]],
         [["object", "surefoot.results.object_file:Path", {}]],  # imported there, not of the project
         [["object", "surefoot.results.object_file:loads", {}]],  # no class
+        [["object", "surefoot.__main__:main", {}]],  # would start the program if it were imported
         [["object", "surefoot.results.object_file:json.JSONDecoder", {}]],
         [["named", "perception.primitives.gaussian:Gaussian", [1]]],
         [["enum", "perception.primitives.gaussian:Gaussian", "__init__"]],

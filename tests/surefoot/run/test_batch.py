@@ -9,13 +9,16 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
-from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.errors import ConfigError, InputError, OutputError, RecordingError
 from surefoot.config.schema import Config
+from surefoot.results.run_folder import RunFolder
+from surefoot.run import batch
 from surefoot.run.batch import find_all, process_all, process_one
 from surefoot.run.worker_pool import run_all
 
@@ -149,6 +152,64 @@ def test_many_recordings_need_no_dask(many, monkeypatch):
     assert [row.status for row in rows] == ["done", "done"]
     with pytest.raises(ConfigError, match="--scheduler needs Dask"):
         process_all(places, many / "other", Config(), lambda text: None, scheduler="tcp://x:1")
+
+
+def test_two_processes_do_not_write_into_one_batch(many):
+    held = RunFolder(many / "out")
+    held.root.mkdir()
+    held.hold()
+    other = subprocess.run(command(many), capture_output=True, text=True, timeout=240, check=False)
+    assert other.returncode == 2
+    assert other.stderr.count("\n") == 1
+    assert "another process writes into" in other.stderr
+    assert list(held.root.iterdir()) == []
+
+
+@pytest.fixture
+def done(tmp_path):
+    """A batch of one recording, and a call that continues it."""
+    write_floor(tmp_path / "in" / "walk", 2)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("surefoot.report.page.write_report", lambda run: run.write_text("report.html", ""))  # fmt: skip
+        row = process_one(tmp_path / "in/walk", tmp_path / "out/walk", Config())
+    assert row.status == "done"
+
+    def again(config=Config()):  # noqa: B008
+        return process_all([tmp_path / "in"], tmp_path / "out", config, lambda text: None, 1)
+
+    return tmp_path, again
+
+
+def test_runs_of_something_else_are_not_taken_for_those_of_a_batch(done, monkeypatch):
+    place, again = done
+    assert [row.status for row in again()] == ["done before"]
+    with pytest.raises(InputError, match="out/walk was made with another configuration; choose"):
+        again(replace(Config(), seed=1))
+    with monkeypatch.context() as patch:
+        patch.setattr(batch, "version", lambda: "0.0.1")
+        with pytest.raises(InputError, match="made by another version"):
+            again()
+    (place / "in/walk/depth/1.png").write_bytes((place / "in/walk/depth/0.png").read_bytes())
+    with pytest.raises(InputError, match="made of another recording"):
+        again()
+
+
+def test_what_killed_writers_left_is_swept_and_damage_is_one_error(done):
+    place, again = done
+    (place / "out/.part-walk-dead").mkdir()
+    (place / "out/.part-summary.csv").write_text("half")
+    again()
+    assert sorted(one.name for one in (place / "out").iterdir()) == ["summary.csv", "walk"]
+    (place / "out/summary.csv").write_text("recording,wall_s\na,fast\n")
+    with pytest.raises(RecordingError, match="'fast' is not a number"):
+        again()
+    (place / "out/summary.csv").unlink()
+    (place / "out/walk/summary.json").write_text('{"frames": "many"}')
+    with pytest.raises(RecordingError, match="at frames not a whole number"):
+        again()
+    (place / "out/.surefoot-run").write_text("1")
+    with pytest.raises(OutputError, match="that of a single run"):
+        again()
 
 
 def die(mark):

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import os
 import pickle
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -218,6 +219,42 @@ def test_a_forged_checkpoint_is_refused_and_runs_no_code(cut, short, tmp_path):
         (forged.root / checkpoint.NAME).write_bytes(content)
         with pytest.raises(InputError, match="cannot resume"):
             checkpoint.load(forged, Config(), recorded)
+
+
+def copied(cut, folder):
+    shutil.copytree(cut.root, folder)
+    return RunFolder(folder)
+
+
+def test_a_prepared_folder_does_not_make_a_run_write_elsewhere(cut, short, tmp_path):
+    mine = tmp_path / "mine.txt"
+    mine.write_text("kept")
+    run = copied(cut, tmp_path / "run")
+    part = next(run.root.glob(".part-floor*"))
+    part.unlink()
+    part.symlink_to(mine)
+    with pytest.raises(InputError, match=r"cannot resume: \.part-floor\.csv is a link"):
+        checkpoint.load(run, Config(), identity(short))
+    assert mine.read_text() == "kept"
+
+
+@pytest.mark.parametrize("name", [".part-floor.csv", "estimates.mcap"])
+def test_a_table_shorter_than_at_the_checkpoint_is_not_filled_up(cut, short, tmp_path, name):
+    run = copied(cut, tmp_path / "run")
+    with run.path(name).open("r+b") as file:
+        file.truncate(20)
+    with pytest.raises(InputError, match=r"cannot resume: its .* has lost its last"):
+        checkpoint.load(run, Config(), identity(short))
+
+
+def test_a_checkpoint_of_another_machine_is_good_wherever_the_files_lie(cut, short, tmp_path):
+    moved = tmp_path / "elsewhere" / "recording.mcap"
+    moved.parent.mkdir()
+    shutil.copyfile(short, moved)
+    run = copied(cut, tmp_path / "run")
+    state = checkpoint.load(run, Config(), identity(moved))
+    assert state is not None
+    assert state.recorder.frames == 2
 
 
 def test_two_processes_do_not_write_into_one_folder(tmp_path):

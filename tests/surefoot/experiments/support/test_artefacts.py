@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import re
+import subprocess
 import sys
 from types import ModuleType
 
@@ -125,6 +126,46 @@ def test_a_folder_with_other_files_a_file_and_an_impossible_folder_are_refused_a
             artefacts.perform(order, place, quiet)
     assert ran == []
     assert (tmp_path / "report.html").read_text() == "mine"
+
+
+def test_two_processes_do_not_write_into_one_experiment(tmp_path):
+    code = f"""
+from pathlib import Path
+from surefoot.results.run_folder import RunFolder
+held = RunFolder(Path({str(tmp_path / "out")!r}))
+held.root.mkdir()
+held.hold()
+print(flush=True)
+input()
+"""
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen([sys.executable, "-c", code], **pipes) as other:
+        other.stdout.readline()
+        with pytest.raises(OutputError, match="another process writes into"):
+            perform(tmp_path)
+        other.communicate("\n")
+    assert list((tmp_path / "out").iterdir()) == []
+    perform(tmp_path, seeds=1)
+
+
+def test_what_a_killed_experiment_left_unfinished_is_swept(tmp_path):
+    result = perform(tmp_path, seeds=1)
+    for left in ("out/.part-1-dead", "out/trials"):
+        (tmp_path / left).mkdir()
+    (tmp_path / "out/trials/.part-dead.trial").write_text("half")
+    perform(tmp_path, seeds=1)
+    assert {one.name for one in (tmp_path / "out").iterdir()} == {*result["files"], "trials"}
+    assert list((tmp_path / "out/trials").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "changed", [{"targets": {"a": ["?", 1.0]}}, {"figures": []}, {"seeds": "4"}, {"title": None}]
+)
+def test_a_result_that_is_none_is_no_result(tmp_path, changed):
+    result = perform(tmp_path, seeds=1)
+    assert artefacts.read(tmp_path / "out") == result
+    (tmp_path / "out" / "result.json").write_text(json.dumps(result | changed))
+    assert artefacts.read(tmp_path / "out") is None
 
 
 @pytest.mark.parametrize("name", experiment.names())
