@@ -140,3 +140,28 @@ def test_the_distance_grows_only_in_the_direction_of_the_uncertainty(turned):
         sure = harm(near * towards, 0.0, 0.0)
         assert harm(near * towards, *across) == pytest.approx(sure, abs=0.05)
         assert harm(near * towards, *reversed(across)) > sure + 1.0
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    ("off_m", "away_m", "speed"),
+    [(0.05, 0.6, 0.1), (0.05, 0.82, 0.14), (0.12, 0.74, 0.1), (0.15, 0.69, 0.08)],
+)
+def test_a_robot_that_walks_through_the_path_of_a_reversed_obstacle_is_late_by_what_it_lacks(
+    side, off_m, away_m, speed
+):
+    """It heads straight for the far edge: turning round or stepping aside would take longer."""
+    beside, lead, react_s, top = 0.3, 0.35, 0.5, 0.1
+    gait = _guard_arguments.Gait(0.1, 0.65, top, 0.02)
+    start = np.array([-away_m, side * off_m])  # the obstacle at the origin went along +x
+    times = np.arange(0.0, 20.0, 1e-4)
+    y = start[1] - side * 0.9 * top * np.maximum(times - react_s, 0.0)
+    leaves_s = times[np.argmax(side * y <= -beside)]
+    front = -speed * times - lead * math.sqrt(1.0 - (off_m / beside) ** 2)
+    arrives_s = times[np.argmax(front <= start[0])]
+    lacks_m = (leaves_s - arrives_s) * top
+    assert 0.0 < lacks_m < beside - off_m
+    found = _guard_kernels._too_late(
+        *start, -side * math.pi / 2, speed, 0.0, beside, lead, react_s, gait
+    )
+    assert found == pytest.approx(lacks_m, abs=1e-4)

@@ -101,6 +101,16 @@ def test_a_robot_right_of_the_line_to_the_goal_passes_counter_clockwise(side, se
     assert math.copysign(1.0, turning) == sense
 
 
+@given(angles, st.floats(0.3, 3.0), st.sampled_from([-1.0, 1.0]), st.floats(1e-6, 0.01))
+def test_the_side_is_that_of_the_robot_however_close_to_the_line(bearing, away, side, off):
+    """Line from the obstacle to the goal; left of it the robot passes clockwise."""
+    along = np.array([math.cos(bearing), math.sin(bearing)])
+    left = np.array([-along[1], along[0]])
+    place = -0.45 * along + side * off * left
+    u = avoid(place[None], away * along, ORIGIN, np.array([0.25]), CONFIG)[0]
+    assert math.copysign(1.0, place[0] * u[1] - place[1] * u[0]) == -side
+
+
 def test_obstacles_behind_the_robot_or_beyond_the_goal_have_no_effect():
     behind = avoid(np.array([[0.4, 0.0]]), np.array([2.0, 0.0]), ORIGIN, np.array([0.25]), CONFIG)
     np.testing.assert_array_equal(behind, 0.0)

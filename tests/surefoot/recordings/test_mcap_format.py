@@ -26,6 +26,7 @@ from perception.primitives.pose import Pose2
 from surefoot.mcap_file import nanoseconds
 from surefoot.recordings.codec import decode, encode
 from surefoot.recordings.mcap_format import McapRecording, RecordingWriter
+from surefoot.recordings.mcap_messages import frame_messages
 from surefoot.recordings.recording import RecordingInfo
 
 INFO = RecordingInfo(
@@ -265,6 +266,21 @@ def test_a_damaged_chunk_is_counted_and_skipped(walk, tmp_path):
     ]
     (skipped,) = recording.skipped
     assert "damaged" in skipped.reason
+
+
+@pytest.mark.parametrize("lost", ["/odometry", "/imu", "/depth/image", "/colour/image", "/tf"])
+def test_a_lost_message_is_not_taken_from_the_frame_before(make_frame, same, tmp_path, lost):
+    frames = [make_frame(i) for i in range(3)]
+    path = tmp_path / "r.mcap"
+    with RecordingWriter(path, INFO) as writer:
+        for number, frame in enumerate(frames, 1):
+            for topic, message in frame_messages(encode(frame)):
+                if (number, topic) != (2, lost):
+                    writer._topics.add(topic, message, nanoseconds(frame.stamp_s), number)
+    recording = McapRecording(path)
+    expected = [decode(encode(frames[k])) for k in (0, 2)]
+    assert all(map(same, recording.frames(), expected))
+    assert [one.reason for one in recording.skipped] == [f"without its {lost}"]
 
 
 def test_other_topics_in_the_file_are_ignored(make_frame, same, tmp_path):
