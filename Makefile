@@ -1,10 +1,11 @@
 # Everything sets itself up: `make demo` or `make test` on a fresh machine is enough.
-.PHONY: help setup demo test test-layers test-lowest test-pythons installed fuzz lint bench docs clean
+.PHONY: help setup demo test test-layers test-lowest test-pythons installed fuzz mutants lint bench docs clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 INPUTS ?= 20000
+MUTANTS ?= 100
 SEED ?= 0
 READY := .venv/.ready
 WARM := .venv/.warm
@@ -65,6 +66,9 @@ installed: $(READY)  ## a wheel in a fresh environment: read-only, without a hom
 
 fuzz: $(WARM)  ## damaged files through every reader: make fuzz INPUTS=100000 SEED=1
 	$(BIN)/python tests/fuzz/campaign.py $(INPUTS) $(SEED)
+
+mutants: $(WARM)  ## bugs planted in the numerical core, and how many the tests notice: make mutants MUTANTS=300 SEED=1
+	$(BIN)/python tests/mutants/run_mutants.py $(MUTANTS) $(SEED)
 
 lint: $(READY)  ## style, types, import contracts
 	$(BIN)/ruff check .

@@ -45,9 +45,9 @@ class Blocker(importlib.abc.MetaPathFinder):
 
 sys.meta_path.insert(0, Blocker())
 
-# The same draws in every run; `--hypothesis-profile=search` draws new ones.
-settings.register_profile("same", derandomize=True)
-settings.register_profile("search", derandomize=False)
+# The same draws in every run; `--hypothesis-profile=search` draws new ones. No test is timed.
+settings.register_profile("same", derandomize=True, deadline=None)
+settings.register_profile("search", derandomize=False, deadline=None)
 settings.load_profile("same")
 
 # Kernels are left out: the check would wrap their functions before numba sees them.

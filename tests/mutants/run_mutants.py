@@ -1,0 +1,258 @@
+"""Bugs planted in the numerical core, one at a time: how many do the tests notice?
+
+    python tests/mutants/run_mutants.py MUTANTS SEED [PATH...]    # bugs drawn from all of the core, or from these paths
+    python tests/mutants/run_mutants.py --again TABLE             # those that survived in a table
+
+All happens in a copy of the tree, build/mutants/tree. The tests that can notice a bug (`nearby.tests_of`) run with it,
+the nearest first, until one fails; each has run without a bug before, which also compiles its kernels. A bug that makes
+them take many times as long counts as noticed. Kernels that a bug can reach are compiled anew, all others come from the cache.
+The bugs, their fate, and the test that noticed them are in build/mutants/seed-SEED.csv.
+
+A bug that changes no result is no bug: `equivalent.toml` lists those, with the reason, and they are not counted.
+
+The core is what computes: planners and file formats are judged by simulation and by `make fuzz`.
+
+Source: DeMillo, Lipton, Sayward 1978; Wilson 1927 (interval of a share).
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import random
+import resource
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from changes import Change, changed, changes
+from nearby import distances, tests_of
+
+from perception.primitives.compiled import _state as kernel_state
+
+ROOT = Path(__file__).resolve().parents[2]
+PLACE = ROOT / "build" / "mutants"
+PACKAGES = ("perception", "mapping", "planning")
+CORE = (
+    "perception/primitives", "perception/filtering", "perception/depth", "perception/floor", "perception/obstacles",
+    "perception/features", "perception/planar", "perception/localisation", "perception/smoothing", "perception/odometry",
+    "perception/monocular", "mapping/grid", "mapping/panorama", "mapping/surface", "mapping/objects", "planning/safety",
+    "planning/search", "planning/gaze", "planning/univector", "planning/swarm", "planning/avoidance",
+)  # fmt: skip
+ELSEWHERE = ("build", "runs", "dist", "__pycache__", "*.egg-info", ".*")
+START_S, TIMES, COMPILE_S = 20, 4, 120  # processor time of a bug: as without it, and this much more
+MOST_BYTES = 12 << 30  # address space of a test run
+COLUMNS = ("verdict", "file", *Change._fields, "seconds", "test")
+Bug = tuple[str, Change]
+"""File, relative to the tree, and the change."""
+
+
+class Tried(NamedTuple):
+    """A bug after the tests: "killed", "survived" or "equivalent"; processor time, s; the test that failed."""
+
+    bug: Bug
+    verdict: str
+    seconds: float = 0.0
+    test: str = ""
+
+
+class Tree:
+    """A copy of the project in which bugs are planted.
+
+    Args:
+        source: The project.
+        place: Folder of the copy and of its compiled kernels; kernels of an earlier run are used again.
+    """
+
+    def __init__(self, source: Path, place: Path) -> None:
+        self.root = place / "tree"
+        self._good, self._bad = place / "kernels", place / "kernels-with-bug"
+        shutil.rmtree(self.root, ignore_errors=True)
+        shutil.copytree(source, self.root, ignore=shutil.ignore_patterns(*ELSEWHERE))
+        self._states = {package: kernel_state(self.root / package) for package in PACKAGES}
+        self._seconds: dict[Path, float] = {}
+
+    def tried(self, bug: Bug) -> Tried:
+        """Run the tests, the nearest first, until one notices the bug.
+
+        Raises:
+            RuntimeError: A test fails without a bug.
+        """
+        file, change = bug
+        module, spent = self.root / file, 0.0
+        compiled = self._compiled_from(module)
+        shutil.rmtree(self._bad, ignore_errors=True)
+        for _, test in sorted(
+            tests_of(self.root, module), key=lambda one: (one[0], self._seconds.get(one[1], 0.0))
+        ):
+            most = START_S + COMPILE_S * bool(compiled) + TIMES * self._without_bug(test)
+            with self._planted(module, change):
+                cache = self._cache_without(compiled) if compiled else self._good
+                status, seconds, words = self._run(test, cache, most, "-x")
+            spent += seconds
+            if status:
+                failed = [line.split()[1] for line in words.splitlines() if line[:6] == "FAILED"]
+                where = failed[0] if failed else f"{test.relative_to(self.root)}, status {status}"
+                return Tried(bug, "killed", spent, where)
+        return Tried(bug, "survived", spent)
+
+    def _without_bug(self, test: Path) -> float:
+        """Processor time of a test file without a bug, s; the first call compiles its kernels."""
+        if test not in self._seconds:
+            status, seconds, words = self._run(test, self._good)
+            if status:
+                raise RuntimeError(f"{words[-3000:]}\nthe tests must pass before bugs are planted")
+            self._seconds[test] = seconds
+        return self._seconds[test]
+
+    def _compiled_from(self, module: Path) -> set[tuple[str, str]]:
+        """Folder and name of the modules whose compiled code a module can change."""
+        modules = [path for package in PACKAGES for path in (self.root / package).rglob("*.py")]
+        return {
+            (path.parent.name, path.stem)
+            for path in modules
+            if "njit" in path.read_text() and module in distances(self.root, path)
+        }
+
+    @contextmanager
+    def _planted(self, path: Path, change: Change) -> Iterator[None]:
+        good, stamps = path.read_text(), path.stat()
+        path.write_text(changed(good, change.number))
+        later = stamps.st_mtime_ns + 2_000_000_000  # Numba and Python compare the times of files
+        os.utime(path, ns=(stamps.st_atime_ns, later))
+        try:
+            yield
+        finally:
+            path.write_text(good)
+            os.utime(path, ns=(stamps.st_atime_ns, stamps.st_mtime_ns))
+
+    def _cache_without(self, compiled: set[tuple[str, str]]) -> Path:
+        """Folder of compiled kernels without those that the planted bug can change."""
+        for package, state in self._states.items():
+            old = self._good / f"kernels-{state}"
+            new = self._bad / f"kernels-{kernel_state(self.root / package)}"
+            for path in old.rglob("*.nb[ic]"):
+                folder, name = path.parent.name.rpartition("_")[0], path.name.partition(".")[0]
+                link = new / path.relative_to(old)
+                if (folder, name) not in compiled and not link.exists():
+                    link.parent.mkdir(parents=True, exist_ok=True)
+                    os.link(path, link)
+        return self._bad
+
+    def _run(
+        self, test: Path, cache: Path, most_s: float | None = None, *options: str
+    ) -> tuple[int, float, str]:
+        """Status of a test file (0: all passed), processor time in s, and what it printed."""
+
+        def limits() -> None:
+            resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
+            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            if most_s is not None:
+                resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(most_s), math.ceil(most_s) + 5))
+
+        cache.mkdir(parents=True, exist_ok=True)
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            *options,
+            str(test),
+        ]
+        environment = {
+            **os.environ,
+            "PYTHONPATH": str(self.root),
+            "NUMBA_CACHE_DIR": str(cache),
+            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
+        }
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        done = subprocess.run(
+            command, cwd=self.root, env=environment, capture_output=True, text=True, preexec_fn=limits, check=False
+        )  # fmt: skip
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        if done.returncode in (3, 4):
+            raise RuntimeError(f"pytest ended with {done.returncode}: {done.stdout[-500:]}")
+        seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        return done.returncode % 5, seconds, done.stdout  # 5: the file has no tests
+
+
+def all_bugs(paths: Iterable[str]) -> list[Bug]:
+    """Every bug of the files at or below some paths, in order."""
+    files = []
+    for path in paths:
+        here = ROOT / path
+        files += sorted(here.rglob("*.py")) if here.is_dir() else [here]
+    names = [file.relative_to(ROOT).as_posix() for file in files]
+    return [(name, change) for name in names for change in changes((ROOT / name).read_text())]
+
+
+def survivors(table: Path) -> list[Bug]:
+    """The bugs of a table that survived and whose code is still there."""
+    with table.open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["verdict"] == "survived"]
+    names = sorted({row["file"] for row in rows if (ROOT / row["file"]).is_file()})
+    return [bug for bug in all_bugs(names) if any(_same(bug, row) for row in rows)]
+
+
+def _same(bug: Bug, row: Mapping[str, object]) -> bool:
+    keys = ("function", "before", "after", "text", "column")
+    return row["file"] == bug[0] and all(str(row[k]) == str(getattr(bug[1], k)) for k in keys)
+
+
+def summary(tried: Sequence[Tried]) -> str:
+    """The kill rate with its 95 % interval, in one line."""
+    verdicts = [one.verdict for one in tried]
+    killed, survived = verdicts.count("killed"), verdicts.count("survived")
+    count = killed + survived
+    rate, z = killed / max(count, 1), 1.96
+    middle, half = (
+        rate + z * z / (2 * count),
+        z * math.sqrt(rate * (1 - rate) / count + (z / (2 * count)) ** 2),
+    )
+    low, high = ((middle + sign * half) / (1 + z * z / count) for sign in (-1, 1))
+    return (
+        f"{killed} of {count} bugs noticed, {100 * rate:.0f} % (95 %: {100 * low:.0f} to {100 * high:.0f}); "
+        f"{verdicts.count('equivalent')} more change no result"
+    )
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Draw the bugs, try them, write the table."""
+    if arguments[0] == "--again":
+        bugs, table = survivors(Path(arguments[1])), PLACE / "again.csv"
+    else:
+        count, seed, paths = int(arguments[0]), int(arguments[1]), arguments[2:]
+        known = all_bugs(paths or CORE)
+        bugs = random.Random(seed).sample(known, min(count, len(known)))
+        table = PLACE / f"seed-{seed}.csv"
+    equivalent = tomllib.loads((Path(__file__).parent / "equivalent.toml").read_text())["bug"]
+    tree = Tree(ROOT, PLACE)
+    tried = []
+    with table.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        for bug in bugs:
+            excused = any(_same(bug, row) for row in equivalent)
+            one = Tried(bug, "equivalent") if excused else tree.tried(bug)
+            tried.append(one)
+            writer.writerow([one.verdict, bug[0], *bug[1], f"{one.seconds:.1f}", one.test])
+            file.flush()
+            what = f"{bug[0]}:{bug[1].line} {bug[1].before!r} -> {bug[1].after!r}"
+            print(f"{len(tried):>4} {one.verdict:<10} {one.seconds:>4.0f} s  {what}", flush=True)
+    print(summary(tried), f"table: {table.relative_to(ROOT)}", sep="; ")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
