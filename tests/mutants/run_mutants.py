@@ -4,9 +4,9 @@
     python tests/mutants/run_mutants.py --again TABLE             # those that survived in a table
 
 All happens in a copy of the tree, build/mutants/tree. The tests that can notice a bug (`nearby.tests_of`) run with it,
-the nearest first, until one fails; each has run without a bug before, which also compiles its kernels. A bug that makes
-them take many times as long counts as noticed. Kernels that a bug can reach are compiled anew, all others come from the cache.
-The bugs, their fate, and the test that noticed them are in build/mutants/seed-SEED.csv.
+the nearest first, until one fails; that one must pass without the bug. A file of tests that takes more than a minute of
+processor time notices the bug, if it takes less without. Kernels that a bug can reach are compiled anew, all others come
+from the cache. The bugs, their fate, and the test that noticed them are in build/mutants/seed-SEED.csv.
 
 A bug that changes no result is no bug: `equivalent.toml` lists those, with the reason, and they are not counted.
 
@@ -18,6 +18,7 @@ Source: DeMillo, Lipton, Sayward 1978; Wilson 1927 (interval of a share).
 from __future__ import annotations
 
 import csv
+import hashlib
 import math
 import os
 import random
@@ -49,7 +50,7 @@ CORE = (
     "planning/search", "planning/gaze", "planning/univector", "planning/swarm", "planning/avoidance",
 )  # fmt: skip
 ELSEWHERE = ("build", "runs", "dist", "__pycache__", "*.egg-info", ".*")
-START_S, TIMES, COMPILE_S = 20, 4, 120  # processor time of a bug: as without it, and this much more
+MOST_S = 60  # processor time of a test file
 MOST_BYTES = 12 << 30  # address space of a test run
 COLUMNS = ("verdict", "file", *Change._fields, "seconds", "test")
 Bug = tuple[str, Change]
@@ -69,8 +70,8 @@ class Tree:
     """A copy of the project in which bugs are planted.
 
     Args:
-        source: The project.
-        place: Folder of the copy and of its compiled kernels; kernels of an earlier run are used again.
+        source: The project; its compiled kernels are taken over.
+        place: Folder of the copy and of its compiled kernels.
     """
 
     def __init__(self, source: Path, place: Path) -> None:
@@ -79,46 +80,55 @@ class Tree:
         shutil.rmtree(self.root, ignore_errors=True)
         shutil.copytree(source, self.root, ignore=shutil.ignore_patterns(*ELSEWHERE))
         self._states = {package: kernel_state(self.root / package) for package in PACKAGES}
+        for package, state in self._states.items():
+            names = {
+                _folder(old): _folder(self.root / old.relative_to(source))
+                for old in _folders(source / package)
+            }
+            for path in (source / package / "__pycache__" / f"kernels-{state}").rglob("*.nb[ic]"):
+                if path.parent.name in names:
+                    _copy(path, self._good / f"kernels-{state}" / names[path.parent.name])
+        self._passed: dict[str, bool] = {}
         self._seconds: dict[Path, float] = {}
 
     def tried(self, bug: Bug) -> Tried:
         """Run the tests, the nearest first, until one notices the bug.
 
         Raises:
-            RuntimeError: A test fails without a bug.
+            RuntimeError: That test fails without the bug, too.
         """
         file, change = bug
         module, spent = self.root / file, 0.0
         compiled = self._compiled_from(module)
         shutil.rmtree(self._bad, ignore_errors=True)
-        for _, test in sorted(
-            tests_of(self.root, module), key=lambda one: (one[0], self._seconds.get(one[1], 0.0))
-        ):
-            most = START_S + COMPILE_S * bool(compiled) + TIMES * self._without_bug(test)
+        tests = tests_of(self.root, module)
+        for _, test in sorted(tests, key=lambda one: (one[0], self._seconds.get(one[1], 0.0))):
             with self._planted(module, change):
                 cache = self._cache_without(compiled) if compiled else self._good
-                status, seconds, words = self._run(test, cache, most, "-x")
+                status, seconds, words = self._run(str(test), cache, "-x")
             spent += seconds
-            if status:
-                failed = [line.split()[1] for line in words.splitlines() if line[:6] == "FAILED"]
-                where = failed[0] if failed else f"{test.relative_to(self.root)}, status {status}"
-                return Tried(bug, "killed", spent, where)
+            self._seconds[test] = max(seconds, self._seconds.get(test, 0.0))
+            failed = [line.split()[1] for line in words.splitlines() if line[:6] == "FAILED"]
+            where = failed[0] if failed else str(test.relative_to(self.root))
+            if status and self._passes_without_bug(where, status):
+                return Tried(bug, "killed", spent, where if failed else f"{where}: status {status}")
         return Tried(bug, "survived", spent)
 
-    def _without_bug(self, test: Path) -> float:
-        """Processor time of a test file without a bug, s; the first call compiles its kernels."""
-        if test not in self._seconds:
-            status, seconds, words = self._run(test, self._good)
-            if status:
+    def _passes_without_bug(self, where: str, status: int) -> bool:
+        """Whether a test, or a file that ended with a status, passes; no if it takes too long in any case."""
+        if where not in self._passed:
+            options = ("--collect-only",) if status == 2 else ()
+            status, _, words = self._run(where, self._good, *options)
+            if status > 0:
                 raise RuntimeError(f"{words[-3000:]}\nthe tests must pass before bugs are planted")
-            self._seconds[test] = seconds
-        return self._seconds[test]
+            self._passed[where] = status == 0
+        return self._passed[where]
 
-    def _compiled_from(self, module: Path) -> set[tuple[str, str]]:
-        """Folder and name of the modules whose compiled code a module can change."""
+    def _compiled_from(self, module: Path) -> set[Path]:
+        """The modules whose compiled code a module can change."""
         modules = [path for package in PACKAGES for path in (self.root / package).rglob("*.py")]
         return {
-            (path.parent.name, path.stem)
+            path
             for path in modules
             if "njit" in path.read_text() and module in distances(self.root, path)
         }
@@ -135,41 +145,27 @@ class Tree:
             path.write_text(good)
             os.utime(path, ns=(stamps.st_atime_ns, stamps.st_mtime_ns))
 
-    def _cache_without(self, compiled: set[tuple[str, str]]) -> Path:
+    def _cache_without(self, compiled: set[Path]) -> Path:
         """Folder of compiled kernels without those that the planted bug can change."""
+        names = {(path.parent.name, path.stem) for path in compiled}
         for package, state in self._states.items():
             old = self._good / f"kernels-{state}"
             new = self._bad / f"kernels-{kernel_state(self.root / package)}"
             for path in old.rglob("*.nb[ic]"):
-                folder, name = path.parent.name.rpartition("_")[0], path.name.partition(".")[0]
-                link = new / path.relative_to(old)
-                if (folder, name) not in compiled and not link.exists():
-                    link.parent.mkdir(parents=True, exist_ok=True)
-                    os.link(path, link)
+                room = path.parent.name.rpartition("_")[0]
+                if (room, path.name.partition(".")[0]) not in names:
+                    _copy(path, new / path.parent.name)
         return self._bad
 
-    def _run(
-        self, test: Path, cache: Path, most_s: float | None = None, *options: str
-    ) -> tuple[int, float, str]:
-        """Status of a test file (0: all passed), processor time in s, and what it printed."""
+    def _run(self, tests: str, cache: Path, *options: str) -> tuple[int, float, str]:
+        """Status of tests (0: all passed, negative: too long or crashed), processor time in s, and what they printed."""
 
         def limits() -> None:
             resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-            if most_s is not None:
-                resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(most_s), math.ceil(most_s) + 5))
+            resource.setrlimit(resource.RLIMIT_CPU, (MOST_S, MOST_S + 5))
 
         cache.mkdir(parents=True, exist_ok=True)
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-q",
-            "-p",
-            "no:cacheprovider",
-            *options,
-            str(test),
-        ]
         environment = {
             **os.environ,
             "PYTHONPATH": str(self.root),
@@ -178,13 +174,29 @@ class Tree:
         }
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         done = subprocess.run(
-            command, cwd=self.root, env=environment, capture_output=True, text=True, preexec_fn=limits, check=False
+            [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options, tests],
+            cwd=self.root, env=environment, capture_output=True, text=True, preexec_fn=limits, check=False,
         )  # fmt: skip
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         if done.returncode in (3, 4):
             raise RuntimeError(f"pytest ended with {done.returncode}: {done.stdout[-500:]}")
         seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-        return done.returncode % 5, seconds, done.stdout  # 5: the file has no tests
+        return 0 if done.returncode == 5 else done.returncode, seconds, done.stdout  # 5: no tests
+
+
+def _folders(package: Path) -> list[Path]:
+    return [package, *(path for path in package.rglob("*") if path.is_dir())]
+
+
+def _folder(place: Path) -> str:
+    """Name of the folder in which Numba keeps what it compiled from the modules of a place."""
+    return f"{place.name}_{hashlib.sha1(str(place).encode()).hexdigest()}"
+
+
+def _copy(path: Path, folder: Path) -> None:
+    if not (folder / path.name).exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(path, folder / path.name)
 
 
 def all_bugs(paths: Iterable[str]) -> list[Bug]:

@@ -94,6 +94,19 @@ def test_nearly_equal_views_share_their_error_and_different_views_do_not():
     assert np.all(np.diag(far) > 1.9 * np.diag(OWN))
 
 
+def test_the_correlation_falls_with_the_documented_lengths_and_power():
+    """1/e at 0.35 m or 10 deg, and exp(-d^1.5) at d times as much."""
+    none, eye = np.zeros((1, 3)), np.eye(3)[None]
+    lengths = np.array([0.5, 1.0, 2.0])
+    expected = np.exp(-(lengths**1.5))
+    moved = np.outer(0.35 * lengths, [0.6, 0.0, -0.8])
+    found = view_correlation(none, eye, moved, np.repeat(eye, 3, axis=0))[0]
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    turned = Rotation.from_rotvec(np.outer(np.radians(10.0) * lengths, [0.0, 0.6, 0.8]))
+    found = view_correlation(none, eye, np.zeros((3, 3)), turned.as_matrix())[0]
+    np.testing.assert_allclose(found, expected, rtol=0.03)  # a chord is shorter than its arc
+
+
 def test_the_correlation_is_positive_definite_and_does_not_depend_on_the_axes():
     positions, rotations = path(3.0, 300.0)
     alike = correlation(positions, rotations)

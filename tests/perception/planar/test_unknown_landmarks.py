@@ -10,7 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import approx_fprime
+from scipy.stats import multivariate_normal
 
+from perception.planar import _association_kernels, _planar_kernels
 from perception.planar.association import BankConfig, HypothesisBank, filter_unknown
 from perception.planar.planar import filter_journey
 from perception.primitives.errors import ConfigError
@@ -116,3 +119,37 @@ def test_too_many_landmarks_or_none_are_refused(walks, count):
         HypothesisBank(Gaussian(np.zeros(3), np.eye(3)), np.zeros((count, 2)))
     with pytest.raises(ConfigError, match="capacity=0"):
         BankConfig(capacity=0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("held", [True, False])
+def test_the_density_of_a_sighting_counts_all_that_is_uncertain(walks, held, seed):
+    """A Gaussian, by differences of the geometry; the error of a landmark's place counts as a state, held or not."""
+    rng, p = np.random.default_rng(seed), walks.CONFIG.parameters
+    entry, place = _planar_kernels.SIZE, np.array([2.5, 0.1])
+    sigmas = np.array([0.02, 0.01])
+    mean = np.zeros(entry + 2)
+    mean[:3] = 0.05 * rng.normal(size=3)
+    root = np.tril(0.01 * rng.normal(size=(entry + 2, entry + 2)))
+    root[[_planar_kernels.LENS_EVEN, _planar_kernels.LENS_ODD]] = 0.0  # at most second order
+    if not held:
+        root[entry:] = 0.0
+        root[entry, entry] = root[entry + 1, entry + 1] = p.place
+
+    def sighting(state):
+        x, y = place + state[entry:] - state[:2]
+        far, angle = math.hypot(x, y), math.atan2(y, x) - state[2]
+        common = p.offset + state[_planar_kernels.OFFSET] + 0.02 * state[_planar_kernels.DEPTH]
+        depth = common + (p.scale + state[_planar_kernels.GAIN]) * far * math.cos(angle)
+        return np.array([depth, angle + state[_planar_kernels.BEARING]])
+
+    H = approx_fprime(mean, sighting, 1e-7)
+    gaussian = multivariate_normal(sighting(mean), H @ root @ root.T @ H.T + np.diag(sigmas**2))
+    seen = sighting(mean) + np.array([0.03, -0.02])
+    squared, density = _association_kernels.linear_density(
+        mean, root, place, entry if held else -1, seen, sigmas, p
+    )
+    off = seen - gaussian.mean
+    # the error of a place that is not held: 1 % of depth's scale is left out
+    assert density == pytest.approx(gaussian.logpdf(seen), abs=1e-4 if held else 0.02)
+    assert squared == pytest.approx(off @ np.linalg.solve(gaussian.cov, off), rel=0.02)

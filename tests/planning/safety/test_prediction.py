@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
+from planning.safety import _prediction_kernels
 from planning.safety.prediction import REMEMBERED_S, MotionPatterns
 
 EVERY_S = 0.325
@@ -150,3 +151,30 @@ def test_a_static_obstacle_creates_no_line():
         one = seen(np.array([1.0, 0.0]), np.array([0.004, 0.0]), stamp)
         patterns.update([one])
     assert patterns.lines == []
+
+
+NAN = math.nan
+ON_THE_LINE = [  # at the sighting, turning points; then where and in which sense after 1, 4.2 and 9 m
+    (0.5, (NAN, NAN), (1.5, 4.7, 9.5), (1, 1, 1)),
+    (0.5, (NAN, 2.0), (1.5, -0.7, -5.5), (1, -1, -1)),
+    (0.5, (-1.0, NAN), (1.5, 4.7, 9.5), (1, 1, 1)),
+    (2.5, (NAN, 2.0), (1.5, -1.7, -6.5), (-1, -1, -1)),  # seen beyond the turn: it turns there
+    (0.5, (0.0, 2.0), (1.5, 0.7, 1.5), (1, 1, 1)),
+    (2.5, (0.0, 2.0), (1.0, 1.8, 1.0), (-1, -1, -1)),
+]
+
+
+@pytest.mark.parametrize("mirror", [1.0, -1.0])
+@pytest.mark.parametrize(("start", "turns", "true", "senses"), ON_THE_LINE)
+def test_an_obstacle_turns_where_the_turning_points_are(start, turns, true, senses, mirror):
+    if mirror < 0.0:
+        turns = (-turns[1], -turns[0])
+    direction, speed, times = np.array([0.6, 0.8]), 0.5, np.array([2.0, 8.4, 18.0])
+    places, velocities, learnt = np.empty((3, 2)), np.empty((3, 2)), np.empty(3, np.bool_)
+    aside, at = np.array([-0.08, 0.06]), mirror * start  # it stays on its parallel to the line
+    _prediction_kernels.back_and_forth(
+        at * direction + aside, mirror, speed, times, direction, at, (at - 0.1, at + 0.1), turns,
+        places, velocities, learnt,
+    )  # fmt: skip
+    np.testing.assert_allclose(places, mirror * np.outer(true, direction) + aside, atol=1e-9)
+    np.testing.assert_allclose(velocities, mirror * speed * np.outer(senses, direction), atol=1e-9)

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from perception.primitives.errors import ConfigError
+from planning.univector import _kernels
 from planning.univector.fields import (
     PUBLISHED,
     FieldConfig,
@@ -109,6 +110,13 @@ def test_the_side_is_that_of_the_robot_however_close_to_the_line(bearing, away, 
     place = -0.45 * along + side * off * left
     u = avoid(place[None], away * along, ORIGIN, np.array([0.25]), CONFIG)[0]
     assert math.copysign(1.0, place[0] * u[1] - place[1] * u[0]) == -side
+
+
+def test_the_series_of_a_turn_is_its_cosine_and_sine():
+    for share in np.linspace(0.0, 2.0, 41):
+        turn = 0.5 * math.pi * share
+        found = _kernels._quarter_turns(share)
+        np.testing.assert_allclose(found, [math.cos(turn), math.sin(turn)], atol=1e-11)
 
 
 def test_obstacles_behind_the_robot_or_beyond_the_goal_have_no_effect():
