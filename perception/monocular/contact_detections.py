@@ -67,7 +67,7 @@ class ContactEdges:
         height, width = self.ground.shape
         pixels = project(places, self.picture.camera, self.picture.T_world_camera)
         inside = np.isfinite(pixels).all(axis=1)
-        column, row = np.nan_to_num(np.rint(pixels), nan=-1.0).astype(np.intp).T
+        column, row = np.nan_to_num(np.rint(pixels)).astype(np.intp).T
         inside &= (column >= 0) & (column < width) & (row >= 0) & (row < height)
         free = np.zeros(len(places), dtype=bool)
         free[inside] = self.ground[row[inside], column[inside]] > 0

@@ -5,7 +5,7 @@
 
 All happens in a copy of the tree, build/mutants/tree. The tests that can notice a bug (`nearby.tests_of`) run with it,
 the nearest first, until one fails; that one must pass without the bug. A file of tests that takes more than a minute of
-processor time notices the bug, if it takes less without. Kernels that a bug can reach are compiled anew, all others come
+processor time notices the bug, if it takes less without; after a minute no further file begins. Kernels that a bug can reach are compiled anew, all others come
 from the cache. The bugs, their fate, and the test that noticed them are in build/mutants/seed-SEED.csv.
 
 A bug that changes no result is no bug: `equivalent.toml` lists those, with the reason, and they are not counted.
@@ -50,7 +50,7 @@ CORE = (
     "planning/search", "planning/gaze", "planning/univector", "planning/swarm", "planning/avoidance",
 )  # fmt: skip
 ELSEWHERE = ("build", "runs", "dist", "__pycache__", "*.egg-info", ".*")
-MOST_S = 60  # processor time of a test file
+MOST_S = 60  # processor time of a test file, and after which no further one begins
 MOST_BYTES = 12 << 30  # address space of a test run
 COLUMNS = ("verdict", "file", *Change._fields, "seconds", "test")
 Bug = tuple[str, Change]
@@ -112,6 +112,8 @@ class Tree:
             where = failed[0] if failed else str(test.relative_to(self.root))
             if status and self._passes_without_bug(where, status):
                 return Tried(bug, "killed", spent, where if failed else f"{where}: status {status}")
+            if spent > MOST_S:
+                break
         return Tried(bug, "survived", spent)
 
     def _passes_without_bug(self, where: str, status: int) -> bool:

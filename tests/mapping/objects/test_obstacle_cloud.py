@@ -25,7 +25,9 @@ def face(rng: np.random.Generator, x0: float, x1: float) -> np.ndarray:
     return points + rng.normal(0, 0.003, points.shape)
 
 
-def walk(frames: list[tuple[float, float] | None]) -> tuple[ObstacleCloud, WorldMap]:
+def walk(
+    frames: list[tuple[float, float] | None], sigma_m: float = 0.005
+) -> tuple[ObstacleCloud, WorldMap]:
     """Frames of floor in front of a wall from x = 2 to 3, with something else at the given place in some of them."""
     rng = np.random.default_rng(0)
     cloud, world = ObstacleCloud(CloudConfig()), WorldMap()
@@ -40,7 +42,7 @@ def walk(frames: list[tuple[float, float] | None]) -> tuple[ObstacleCloud, World
             things.append(face(rng, *place))
         points = np.concatenate([*floor, *things])
         is_obstacle = np.arange(len(points)) >= sum(len(part) for part in floor)
-        sigma = np.full(np.count_nonzero(is_obstacle), 0.005)
+        sigma = np.full(np.count_nonzero(is_obstacle), sigma_m)
         cloud.add(points[is_obstacle], sigma, CAMERA, POSE, None)
         world.update(points, is_obstacle, 0.1 * number, CAMERA)
     return cloud, world
@@ -71,6 +73,14 @@ def test_the_deviation_of_a_side_holds_the_doubt_of_the_pose():
         assert one.sigma_m[front] > np.hypot(
             0.01, 0.01 * 2.0
         )  # x, y; and heading over the 2 m to the face
+
+
+def test_the_height_has_the_deviation_of_the_points():
+    sure, vague = (
+        min(one.sigma_height_m for one in cloud.footprints(world, FootprintConfig()))
+        for cloud, world in (walk([(0.2, 0.6)] * 16, sigma_m) for sigma_m in (0.005, 0.03))
+    )
+    assert vague**2 - sure**2 == pytest.approx(0.03**2 - 0.005**2, rel=1e-6)
 
 
 def test_no_footprint_lies_over_a_cell_that_the_saved_map_shows_free():

@@ -65,6 +65,7 @@ def test_the_other_gazes_go_to_both_sides():
     pans = [sweep.next(now + k * STEP_S, Pose2(), VIA, []).pan_rad for k in range(16)]
     assert max(pans) >= math.radians(60)
     assert min(pans) <= -math.radians(60)
+    np.testing.assert_allclose(np.sort(pans), -np.sort(pans)[::-1], atol=1e-9)  # both alike
 
 
 def test_an_obstacle_out_of_sight_for_a_second_is_looked_for_within_two_gazes():
