@@ -11,10 +11,20 @@ from scipy.spatial.transform import Rotation
 
 from perception.filtering import consistency
 from perception.localisation import tag_edges
-from perception.localisation.landmarks import LandmarkConfig, detect, find_corners, tag_centre
+from perception.localisation.landmarks import (
+    CAMERA_HEIGHT_SIGMA_M,
+    LandmarkConfig,
+    constrained_to_height,
+    detect,
+    find_corners,
+    range_and_bearing,
+    tag_centre,
+    to_body_frame,
+)
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.frame import ColourView
+from perception.primitives.gaussian import Gaussian
 from perception.primitives.landmark import Landmark
 from perception.primitives.pose import Pose3, head_rotation
 
@@ -236,3 +246,59 @@ def test_a_view_without_the_camera_pose_is_refused():
 def test_an_impossible_noise_is_refused():
     with pytest.raises(ConfigError, match=r"corner_sigma_px=0\.0"):
         LandmarkConfig(corner_sigma_px=0.0)
+
+
+def some_point(seed: int) -> Gaussian:
+    rng = np.random.default_rng(seed)
+    root = 0.03 * rng.normal(size=(3, 3))
+    return Gaussian(np.array([1.5, -0.4, 0.3]) + 0.3 * rng.normal(size=3), root @ root.T)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_known_height_of_a_tag_is_one_more_measurement(seed):
+    """In information form: the inverse covariances add up."""
+    point, seen = some_point(seed), np.array([0.0, 0.0, 1.0])
+    height = float(point.mean[2]) + 0.02
+    found = constrained_to_height(point, height)
+    W, w = np.linalg.inv(point.covariance), np.outer(seen, seen) / CAMERA_HEIGHT_SIGMA_M**2
+    np.testing.assert_allclose(np.linalg.inv(found.covariance), W + w, rtol=1e-6)
+    mean = np.linalg.solve(W + w, W @ point.mean + w @ [0.0, 0.0, height])
+    np.testing.assert_allclose(found.mean, mean, atol=1e-9)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_tag_more_than_four_deviations_from_its_height_is_another_one(side):
+    point = some_point(4)
+    sigma = math.hypot(math.sqrt(point.covariance[2, 2]), CAMERA_HEIGHT_SIGMA_M)
+    height = float(point.mean[2])
+    assert constrained_to_height(point, height + side * 3.9 * sigma) is not None
+    assert constrained_to_height(point, height + side * 4.1 * sigma) is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_errors_of_the_head_turn_a_tag_about_its_axes(seed):
+    config, point = LandmarkConfig(), some_point(seed)
+    R = head_rotation(0.5, 0.3)
+    T = Pose3.from_rotation(R, np.array([0.02, 0.01, 0.45]))
+    found = to_body_frame(point, T, config)
+    np.testing.assert_allclose(found.mean, T.apply(point.mean), atol=1e-12)
+    expected = R @ point.covariance @ R.T
+    expected += np.diag([config.camera_place_sigma_m**2, config.camera_place_sigma_m**2, 0.0])
+    for axis, sigma in (
+        (np.array([0.0, 0.0, 1.0]), config.head_yaw_sigma_rad),
+        (R @ [1.0, 0.0, 0.0], config.head_pitch_sigma_rad),
+        (R @ [0.0, 0.0, 1.0], config.head_roll_sigma_rad),
+    ):
+        turned = Rotation.from_rotvec(1e-6 * axis).apply(R @ point.mean) - R @ point.mean
+        expected += np.outer(turned, turned) * (sigma / 1e-6) ** 2
+    np.testing.assert_allclose(found.covariance, expected, atol=1e-9)
+
+
+def test_range_and_bearing_have_the_covariance_of_many_draws():
+    point = some_point(1)
+    found = range_and_bearing(point, 7)
+    assert found.identity == 7
+    drawn = np.random.default_rng(0).multivariate_normal(point.mean, point.covariance, 200_000)
+    polar = np.column_stack([np.hypot(*drawn[:, :2].T), np.arctan2(drawn[:, 1], drawn[:, 0])])
+    np.testing.assert_allclose(found.measured, polar.mean(axis=0), atol=2e-3)
+    np.testing.assert_allclose(found.covariance, np.cov(polar.T), rtol=0.03, atol=1e-6)

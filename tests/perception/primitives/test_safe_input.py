@@ -90,6 +90,9 @@ def test_json_beyond_the_limits_is_refused(content, message):
 def test_ordinary_toml_and_json_are_read():
     assert safe_input.toml("a = [1, {b = 2.5}]") == {"a": [1, {"b": 2.5}]}
     assert safe_input.json('{"a": [1, true, null, 2.5]}') == {"a": [1, True, None, 2.5]}
+    most = int("9" * 18)
+    assert safe_input.json(f"[{most}, {-most}]") == [most, -most]
+    assert safe_input.whole(str(most)) == most
 
 
 @pytest.mark.parametrize("word", ["²", "٣", "", "-1", "1.0", "9" * 19, " 1"])

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from planning.safety import _prediction_kernels
-from planning.safety.prediction import REMEMBERED_S, MotionPatterns
+from planning.safety.prediction import DRIFT_MPS, REMEMBERED_S, MotionPatterns
 
 EVERY_S = 0.325
 
@@ -115,6 +115,19 @@ def test_an_obstacle_out_of_sight_is_predicted_along_its_line():
     true, _ = back_and_forth(start, direction, 1.0, 0.08, 45.0)
     np.testing.assert_allclose(patterns.propagated(remembered, 45.0).position, true, atol=0.10)
     assert patterns.remembered([], 30.0 + REMEMBERED_S + 1.0) == []
+
+
+def test_the_doubt_of_a_remembered_obstacle_grows_along_its_line_only():
+    patterns, direction = MotionPatterns(), np.array([0.6, 0.8])
+    learn(patterns, np.zeros(2), direction, 1.0, 0.08, 0.0, 30.0)
+    across = np.array([-0.8, 0.6])
+    for later_s in (5.0, 25.0):
+        (remembered,) = patterns.remembered([], 30.0 + later_s)
+        P = remembered.state.covariance[:2, :2]
+        unseen_s = 30.0 + later_s - remembered.seen_s
+        along_m = math.hypot(0.05, 0.05 + DRIFT_MPS * unseen_s)
+        assert math.sqrt(direction @ P @ direction) == pytest.approx(along_m, rel=1e-3)
+        assert math.sqrt(across @ P @ across) == pytest.approx(0.05, rel=0.02)
 
 
 def test_an_obstacle_with_a_track_is_not_remembered_twice():
