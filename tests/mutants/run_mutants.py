@@ -5,8 +5,9 @@
 
 All happens in a copy of the tree, build/mutants/tree. The tests that can notice a bug (`nearby.tests_of`) run with it,
 the nearest first, until one fails; that one must pass without the bug. A file of tests that takes more than a minute of
-processor time notices the bug, if it takes less without; after a minute no further file begins. Kernels that a bug can reach are compiled anew, all others come
-from the cache. The bugs, their fate, and the test that noticed them are in build/mutants/seed-SEED.csv.
+processor time notices the bug, if it takes less without; after a minute no further file begins. The nearest tests of a kernel first run
+it without compilation, which takes less time than compiling; then what a bug can reach is compiled anew, and all other
+kernels come from the cache. The bugs, their fate, and the test that noticed them are in build/mutants/seed-SEED.csv.
 
 A bug that changes no result is no bug: `equivalent.toml` lists those, with the reason, and they are not counted.
 
@@ -51,6 +52,10 @@ CORE = (
 )  # fmt: skip
 ELSEWHERE = ("build", "runs", "dist", "__pycache__", "*.egg-info", ".*")
 MOST_S = 60  # processor time of a test file, and after which no further one begins
+INTERPRETED, INTERPRETED_S = (
+    2,
+    15,
+)  # so many files of tests run without compilation first, each so long at most
 MOST_BYTES = 12 << 30  # address space of a test run
 COLUMNS = ("verdict", "file", *Change._fields, "seconds", "test")
 Bug = tuple[str, Change]
@@ -88,7 +93,7 @@ class Tree:
             for path in (source / package / "__pycache__" / f"kernels-{state}").rglob("*.nb[ic]"):
                 if path.parent.name in names:
                     _copy(path, self._good / f"kernels-{state}" / names[path.parent.name])
-        self._passed: dict[str, bool] = {}
+        self._passed: dict[tuple[str, bool], bool] = {}
         self._seconds: dict[Path, float] = {}
 
     def tried(self, bug: Bug) -> Tried:
@@ -102,29 +107,38 @@ class Tree:
         compiled = self._compiled_from(module)
         shutil.rmtree(self._bad, ignore_errors=True)
         tests = tests_of(self.root, module)
-        for _, test in sorted(tests, key=lambda one: (one[0], self._seconds.get(one[1], 0.0))):
+        runs = [
+            test for _, test in sorted(tests, key=lambda t: (t[0], self._seconds.get(t[1], 0.0)))
+        ]
+        modes = [(test, True) for test in runs]
+        if compiled:
+            modes = [(test, False) for test in runs[:INTERPRETED]] + modes
+        for test, compile_ in modes:
             with self._planted(module, change):
-                cache = self._cache_without(compiled) if compiled else self._good
-                status, seconds, words = self._run(str(test), cache, "-x")
+                cache = self._cache_without(compiled) if compiled and compile_ else self._good
+                status, seconds, words = self._run(str(test), cache, compile_, "-x")
             spent += seconds
-            self._seconds[test] = max(seconds, self._seconds.get(test, 0.0))
+            if compile_:
+                self._seconds[test] = max(seconds, self._seconds.get(test, 0.0))
+            elif "IndexError" in words or status < 0:  # compiled code may live with it
+                continue
             failed = [line.split()[1] for line in words.splitlines() if line[:6] == "FAILED"]
             where = failed[0] if failed else str(test.relative_to(self.root))
-            if status and self._passes_without_bug(where, status):
+            if status and self._passes_without_bug(where, status, compile_):
                 return Tried(bug, "killed", spent, where if failed else f"{where}: status {status}")
             if spent > MOST_S:
                 break
         return Tried(bug, "survived", spent)
 
-    def _passes_without_bug(self, where: str, status: int) -> bool:
+    def _passes_without_bug(self, where: str, status: int, compile_: bool) -> bool:
         """Whether a test, or a file that ended with a status, passes; no if it takes too long in any case."""
-        if where not in self._passed:
+        if (where, compile_) not in self._passed:
             options = ("--collect-only",) if status == 2 else ()
-            status, _, words = self._run(where, self._good, *options)
-            if status > 0:
+            status, _, words = self._run(where, self._good, compile_, *options)
+            if status > 0 and compile_:
                 raise RuntimeError(f"{words[-3000:]}\nthe tests must pass before bugs are planted")
-            self._passed[where] = status == 0
-        return self._passed[where]
+            self._passed[where, compile_] = status == 0
+        return self._passed[where, compile_]
 
     def _compiled_from(self, module: Path) -> set[Path]:
         """The modules whose compiled code a module can change."""
@@ -159,19 +173,23 @@ class Tree:
                     _copy(path, new / path.parent.name)
         return self._bad
 
-    def _run(self, tests: str, cache: Path, *options: str) -> tuple[int, float, str]:
+    def _run(
+        self, tests: str, cache: Path, compile_: bool, *options: str
+    ) -> tuple[int, float, str]:
         """Status of tests (0: all passed, negative: too long or crashed), processor time in s, and what they printed."""
 
         def limits() -> None:
             resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-            resource.setrlimit(resource.RLIMIT_CPU, (MOST_S, MOST_S + 5))
+            most_s = MOST_S if compile_ else INTERPRETED_S
+            resource.setrlimit(resource.RLIMIT_CPU, (most_s, most_s + 5))
 
         cache.mkdir(parents=True, exist_ok=True)
         environment = {
             **os.environ,
             "PYTHONPATH": str(self.root),
             "NUMBA_CACHE_DIR": str(cache),
+            "NUMBA_DISABLE_JIT": str(int(not compile_)),
             "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
         }
         before = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -11,6 +11,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+import run_mutants
 from changes import changed, changes
 from nearby import tests_of as nearby_tests
 from run_mutants import ROOT, Tree, Tried, summary
@@ -102,12 +103,14 @@ def verdict(tree: Tree, file: str, kind: str, before: str) -> str:
     return tree.tried((file, change)).verdict
 
 
-def test_a_bug_is_noticed_by_the_test_that_sees_it(project, tmp_path):
+def test_a_bug_is_noticed_by_the_test_that_sees_it(project, tmp_path, monkeypatch):
     tree = Tree(project, tmp_path / "place")
     area, kernel = "perception/floor/area.py", "perception/floor/sum_kernels.py"
     assert verdict(tree, area, "sign", "-height") == "killed"
     assert verdict(tree, area, "number", "5.0") == "survived"
-    assert verdict(tree, kernel, "arithmetic", "one + other") == "killed"  # not the cached code
+    assert verdict(tree, kernel, "arithmetic", "one + other") == "killed"
+    monkeypatch.setattr(run_mutants, "INTERPRETED", 0)  # compiled anew, not from the cache
+    assert verdict(tree, kernel, "arithmetic", "one + other") == "killed"
     assert (project / area).read_text() == (tree.root / area).read_text() == AREA
     assert (project / kernel).read_text() == (tree.root / kernel).read_text() == KERNEL
 
