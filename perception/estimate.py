@@ -8,6 +8,7 @@ from .filtering.consistency import Innovation
 from .floor.segmented_view import SegmentedView
 from .localisation.filter import UpdateReport
 from .localisation.registration import RegistrationReport
+from .monitoring.status import Doubt
 from .monocular.colour_floor import ColourFloor
 from .obstacles.clustering import Cluster
 from .primitives.frame import ColourView
@@ -36,6 +37,7 @@ class Estimate:
         colour: The colour picture of this frame.
         colour_floor: The floor by colour in it; None where it was not looked for.
         depth_healthy: Whether depth shows the floor ahead well enough to walk by.
+        status: What is doubted, and what it asks of the walk; empty while all is well.
     """
 
     stamp_s: float
@@ -51,6 +53,7 @@ class Estimate:
     colour: ColourView | None = None
     colour_floor: ColourFloor | None = None
     depth_healthy: bool = True
+    status: tuple[Doubt, ...] = ()
 
     @property
     def pose2(self) -> Pose2:

@@ -6,6 +6,10 @@ used in one update, because they share the pan error of the head. How large the 
 is learnt from the innovations (`noise_factor`). The sigma points are those of `ukf_engines`
 and the noise that of `localiser_noise`; this module has the gating, the data association and the recovery.
 
+Measurements that contradict each other for seconds are a fault, of which nobody can tell which one errs. While gyro and
+steps disagree about the turn, the gyro is not used and the heading is as uncertain as they differ. While landmarks
+disagree with the pose, pose and sightings are both less certain, by what they disagree.
+
 Source: seed 001, section 3, eq. (2) (sigma-point filter).
 """
 
@@ -14,13 +18,15 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..filtering import models
 from ..filtering.consistency import Innovation, chi_square_quantile
-from ..filtering.models import GYRO_BIAS, TURN, YAW, X, Y
+from ..filtering.models import GYRO_BIAS, PAN, TURN, YAW, X, Y
+from ..monitoring.agreement import Bias, Surprise
+from ..monitoring.status import LOST, SLOW, STAND, Doubt
 from ..primitives.errors import ConfigError
 from ..primitives.frame import Imu, StepOdometry
 from ..primitives.gaussian import Gaussian
@@ -38,6 +44,16 @@ RECOVERY_SIGMA_M = 0.15  # ours: added to the position when most sightings are r
 RECOVERY_SIGMA_RAD = math.radians(8.0)  # ours: added to the heading then
 STEPS_LEAST_NIS = 0.8  # ours: nearly all that a step errs by is new
 SIGHTINGS_LEAST_NIS = 0.5  # ours: half of what a sighting errs by lasts through many frames
+TURNS, SIGHTINGS = 6, 4  # ours: innovations that are tested together; two seconds of each
+DOUBTED = (X, Y, YAW, PAN)
+DOUBT_BEGINS = np.array([0.06, 0.06, math.radians(2.0), math.radians(5.0)])
+"""Ours: deviation added to position, heading and pan offset when landmarks begin to disagree, m and rad."""
+DOUBT_GOES_ON = np.array([0.04, 0.04, math.radians(1.0), math.radians(2.0)])
+"""Ours: likewise while they disagree, or gyro and steps, per square root of a second."""
+# ours: of position and heading of a robot that is lost, and found again
+LOST_SIGMA_M, FOUND_SIGMA_M = 0.30, 0.15
+LOST_SIGMA_RAD, FOUND_SIGMA_RAD = math.radians(20.0), math.radians(10.0)
+LOST_FRAMES = 3  # ours: mostly rejected frames in a row of a robot that is lost
 
 
 @dataclass(frozen=True)
@@ -48,11 +64,13 @@ class UpdateReport:
         accepted: Number of sightings used.
         rejected: Number of those not used: unknown, ambiguous, not finite, or outside the gate.
         innovations: Of every sighting of a landmark with a known identity, used or not.
+        doubts: What contradicts what, for the status.
     """
 
     accepted: int
     rejected: int
     innovations: list[Innovation]
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def nis(self) -> list[float]:
@@ -81,6 +99,9 @@ class PoseFilter:
         self._frames_rejected = 0
         self._steps_factor = NoiseFactor(STEPS_LEAST_NIS)
         self._sightings_factor = NoiseFactor(SIGHTINGS_LEAST_NIS)
+        self._blind_s: float | None = None  # time without odometry; None while there is some
+        self._turns, self._surprise = Bias(1, TURNS), Surprise(2, SIGHTINGS)
+        self._lost = False
         self._ukf = ukf_engine(self.config.engine, self.config.initial_state(start))
 
     @property
@@ -109,6 +130,27 @@ class PoseFilter:
         """Replace the whole state, for example after `registration`."""
         self._ukf.reset(state)
 
+    @property
+    def blind_s(self) -> float:
+        """Time without odometry until now, s."""
+        return self._blind_s or 0.0
+
+    def doubts(self) -> list[Doubt]:
+        """What contradicts what, and whether the robot knows where it is."""
+        P = self._ukf.state.covariance
+        metres = math.sqrt(float(np.linalg.eigvalsh(P[:2, :2])[-1]))
+        radians = math.sqrt(float(P[YAW, YAW]))
+        widest = (FOUND_SIGMA_M, FOUND_SIGMA_RAD) if self._lost else (LOST_SIGMA_M, LOST_SIGMA_RAD)
+        rejected = self._frames_rejected >= (1 if self._lost else LOST_FRAMES)
+        self._lost = metres > widest[0] or radians > widest[1] or rejected
+        found = [
+            (self._lost, Doubt(LOST, STAND)),
+            (self._blind_s is not None, Doubt("no odometry", STAND)),
+            (not self._turns.agrees, Doubt("gyro and steps disagree", SLOW)),
+            (not self._surprise.agrees, Doubt("landmarks disagree", SLOW)),
+        ]
+        return [doubt for holds, doubt in found if holds]
+
     def predict(self, odometry: StepOdometry | None, imu: Imu | None, dt: float) -> None:
         """Advance to the next frame.
 
@@ -125,13 +167,30 @@ class PoseFilter:
         steps = abs(odometry.steps) if odometry else 0.0
         yaw = float(self._ukf.state.mean[YAW])
         config = self.noise
-        noise = process_noise(config, yaw, steps, dt, blind=odometry is None)
+        noise = process_noise(config, yaw, steps, dt, self.blind_s if odometry is None else None)
+        if not (self._surprise.agrees and self._turns.agrees):
+            noise[DOUBTED, DOUBTED] += dt * DOUBT_GOES_ON**2
+        self._blind_s = self.blind_s + dt if odometry is None else None
         self._ukf.predict(motion, steps, noise)
         if imu is not None and dt > 0.0 and _finite(imu.angular_velocity, 0.0):
             turn = float(imu.angular_velocity[2]) * dt
-            if steps > 0.0:
-                self._learn_from_gyro(turn, config.gyro_sigma_radps * dt, dt)
-            self._ukf.update_turn(turn, config.gyro_sigma_radps * dt, dt)
+            self._turn(turn, config.gyro_sigma_radps * dt, dt, steps > 0.0)
+
+    def _turn(self, turn_rad: float, sigma_rad: float, dt: float, stepped: bool) -> None:
+        """Update with the turn by the gyro; while it contradicts the steps, doubt the heading instead."""
+        state, entries = self._ukf.state, [TURN, GYRO_BIAS]
+        P, along = state.covariance, np.array([1.0, dt])
+        off = turn_rad - float(along @ state.mean[entries])
+        variance = float(along @ P[np.ix_(entries, entries)] @ along) + sigma_rad**2
+        agreed = self._turns.agrees
+        if self._turns.update(np.array([off]), np.array([[variance]])):
+            if stepped:  # the gyro is far more precise than a step
+                self._steps_factor.learn(off**2 / variance)
+            self._ukf.update_turn(turn_rad, sigma_rad, dt)
+            return
+        difference = off if not agreed else float(self._turns.total[0])
+        P[YAW, YAW] += difference**2
+        self._ukf.reset(Gaussian(state.mean, P))
 
     def update(self, sightings: Sequence[Sighting]) -> UpdateReport:
         """Update with the landmarks of one frame, all at once.
@@ -140,6 +199,7 @@ class PoseFilter:
         most sightings of several frames in a row are rejected, the filter resets its pose to the one that two
         sightings agree on, or else inflates its covariance until sightings are accepted again.
         """
+        sightings = self._doubted(sightings)
         accepted: list[tuple[Sighting, np.ndarray]] = []
         innovations: list[Innovation] = []
         for sighting in sightings:
@@ -151,13 +211,29 @@ class PoseFilter:
         if accepted:
             self._update(accepted)
             for one in innovations:
-                if one.nis <= self._gate:
+                if one.nis <= self._gate and self._surprise.agrees:
                     self._sightings_factor.learn(one.nis / 2.0)
         if 2 * len(accepted) > len(innovations):
             self._frames_rejected = 0
         elif innovations:
             self._recover(sightings)
         return UpdateReport(len(accepted), len(sightings) - len(accepted), innovations)
+
+    def _doubted(self, sightings: Sequence[Sighting]) -> list[Sighting]:
+        """The sightings with covariances as large as they disagree; when that begins, the state is doubted too."""
+        agreed = self._surprise.agrees
+        for sighting in sightings:
+            place = self._positions.get(-1 if sighting.identity is None else sighting.identity)
+            if place is not None and _is_finite(sighting):
+                self._surprise.update(self._innovation(sighting, place).nis)
+        factor = self._surprise.factor
+        if agreed and not self._surprise.agrees:
+            state = self._ukf.state
+            state.covariance[DOUBTED, DOUBTED] += DOUBT_BEGINS**2
+            self._ukf.reset(state)
+        if factor == 1.0:
+            return list(sightings)
+        return [replace(one, covariance=factor * one.covariance) for one in sightings]
 
     def _associate(self, sighting: Sighting) -> tuple[np.ndarray | None, Innovation | None]:
         """Position of the landmark, None if the sighting is rejected; and its innovation, None without identity."""
@@ -194,15 +270,6 @@ class PoseFilter:
         )
         sigmas = range_sigmas([sighting for sighting, _ in accepted])
         self._ukf.update(measured, noise, positions, sigmas)
-
-    def _learn_from_gyro(self, turn_rad: float, sigma_rad: float, dt: float) -> None:
-        """Compare the turn of a step with the gyro's, which is far more precise."""
-        state = self._ukf.state
-        P, entries = state.covariance, [TURN, GYRO_BIAS]
-        along = np.array([1.0, dt])
-        variance = float(along @ P[np.ix_(entries, entries)] @ along) + sigma_rad**2
-        off = turn_rad - float(along @ state.mean[entries])
-        self._steps_factor.learn(off**2 / variance)
 
     def _recover(self, sightings: Sequence[Sighting]) -> None:
         """After several rejected frames in a row: reset the pose, or inflate its covariance."""

@@ -14,6 +14,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -61,18 +62,27 @@ class LandmarkConfig:
                 raise ConfigError(f"landmarks: {one.name}={value} must be positive and finite")
 
 
+class Look(NamedTuple):
+    """What a colour image shows of the known tags.
+
+    Args:
+        sightings: One per tag, in order of identity.
+        misplaced: Number of tags at another height than they have: the camera does not point where the joints say.
+    """
+
+    sightings: list[Sighting]
+    misplaced: int
+
+
 def detect(
     view: ColourView, landmarks: Sequence[Landmark], config: LandmarkConfig | None = None
-) -> list[Sighting]:
+) -> Look:
     """Find the known tags of a colour image.
 
     Args:
         view: The image, with the pose of the camera on the body.
         landmarks: Tags that may be present; others are ignored, and so is an identity seen twice.
         config: Errors and limits; the defaults if None.
-
-    Returns:
-        One sighting per tag, in order of identity.
 
     Raises:
         InputError: The view has no pose of the camera on the body.
@@ -86,7 +96,7 @@ def detect(
     known = {mark.identity: mark for mark in landmarks}
     found = find_corners(view.rgb)
     identities = [identity for identity, _ in found]
-    sightings = []
+    sightings, misplaced = [], 0
     for identity, corners in sorted(found, key=lambda pair: pair[0]):
         if identity not in known or identities.count(identity) > 1:
             continue
@@ -95,9 +105,11 @@ def detect(
             continue
         in_body = to_body_frame(centre, view.T_body_camera, config)
         at_height = constrained_to_height(in_body, known[identity].position[2])
-        if at_height is not None:
+        if at_height is None:
+            misplaced += 1
+        else:
             sightings.append(range_and_bearing(at_height, identity))
-    return sightings
+    return Look(sightings, misplaced)
 
 
 def find_corners(rgb: UInt8[np.ndarray, "h w 3"]) -> list[tuple[int, Float[np.ndarray, "4 2"]]]:

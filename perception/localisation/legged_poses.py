@@ -12,7 +12,8 @@ from jaxtyping import Float
 
 from ..floor.levelling import level
 from ..floor.prior import handheld_prior, kinematic_prior
-from ..primitives.frame import Frame
+from ..monitoring.clock import UsualIntervals
+from ..primitives.frame import Frame, Imu, StepOdometry
 from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Sighting
 from ..primitives.plane import Plane
@@ -43,6 +44,7 @@ class LeggedLocaliser:
         self._config = config
         self._registration = Registration(registration)
         self._stamp_s: float | None = None
+        self._intervals = UsualIntervals()
         self._anchored = False
         self._shift = np.zeros(3)  # motion of the body within the clock offset
 
@@ -54,12 +56,15 @@ class LeggedLocaliser:
     def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
         """Predict by odometry and gyro, update with landmarks."""
         elapsed = 0.0 if self._stamp_s is None else frame.stamp_s - self._stamp_s
+        if self._stamp_s is not None:
+            missing = self._intervals.missing(frame.footstep_due, elapsed)
+            if missing > 0.0:  # odometry and gyro are of the time since a frame that was lost
+                self._predict(None, None, missing)
+                elapsed -= missing
         self._stamp_s = frame.stamp_s
         frame = self._plausible(frame, elapsed)
-        before = self._localiser.state
-        self._localiser.predict(frame.odometry, frame.imu, elapsed)
+        self._predict(frame.odometry, frame.imu, elapsed)
         expected = self._localiser.state
-        self._registration.predict(self._localiser.noise, before, frame.odometry, elapsed, expected)
         self._shift = np.zeros(3)
         if frame.odometry is not None and elapsed > 0.0:
             self._shift = frame.odometry.motion.vector * (CLOCK_SIGMA_S / elapsed)
@@ -67,7 +72,14 @@ class LeggedLocaliser:
         self._registration.correct(expected, self._localiser.state)
         if report.accepted + report.rejected > 0:
             self._anchored = report.accepted > report.rejected
-        return report
+        return replace(report, doubts=tuple(self._localiser.doubts()))
+
+    def _predict(self, odometry: StepOdometry | None, imu: Imu | None, seconds: float) -> None:
+        """Advance pose and keyframes."""
+        before, blind_s = self._localiser.state, self._localiser.blind_s
+        self._localiser.predict(odometry, imu, seconds)
+        after, noise = self._localiser.state, self._localiser.noise
+        self._registration.predict(noise, before, odometry, seconds, after, blind_s)
 
     def register(self, seen: Sequence[StaticPoints]) -> RegistrationReport | None:
         """Register the static points of all depth sensors with the keyframes."""

@@ -42,8 +42,12 @@ DRIFT_WALK_RAD = math.radians(0.005)  # ours: change of the drift per step, almo
 GYRO_BIAS_SIGMA_RADPS = 0.005  # consumer MEMS gyro, at switch-on
 GYRO_BIAS_WALK_RADPS = 0.00003  # ours: per square root of a second
 RANGE_WALK = 0.1  # ours: per square root of a second; other tags have another offset
-NO_ODOMETRY_SIGMA_M = 0.07  # ours: per square root of a second without odometry; cruise speed
-NO_ODOMETRY_SIGMA_RAD = 0.4  # ours: likewise, about one turning step
+NO_ODOMETRY_MPS = (
+    0.10  # ours: without odometry the robot may walk on; steps of 0.08 m in 0.65 s at most
+)
+NO_ODOMETRY_SIGMA_RAD = (
+    0.4  # ours: per square root of a second without odometry, about one turning step
+)
 
 
 FRESH = (
@@ -149,7 +153,7 @@ class LocaliserConfig:
 
 
 def process_noise(
-    config: LocaliserConfig, yaw: float, steps: float, dt: float, blind: bool
+    config: LocaliserConfig, yaw: float, steps: float, dt: float, blind_s: float | None
 ) -> Float[np.ndarray, "10 10"]:
     """Covariance that one interval adds to the state.
 
@@ -158,10 +162,11 @@ def process_noise(
         yaw: Heading, rad: slip is forward and lateral in the body frame.
         steps: Footsteps made.
         dt: Time passed, s.
-        blind: Without odometry: the robot may have walked.
+        blind_s: Time without odometry before the interval, s: the robot may have walked on all the while, so that the
+            deviation grows with the time; None: with odometry.
     """
-    if blind:
-        along = across = NO_ODOMETRY_SIGMA_M**2 * dt
+    if blind_s is not None:
+        along = across = NO_ODOMETRY_MPS**2 * ((blind_s + dt) ** 2 - blind_s**2)
         turn = NO_ODOMETRY_SIGMA_RAD**2 * dt
     else:
         standing_s = dt if steps == 0.0 else 0.0
@@ -183,7 +188,11 @@ def process_noise(
 
 
 def linearised_motion(
-    config: LocaliserConfig, before: Gaussian, odometry: StepOdometry | None, dt: float
+    config: LocaliserConfig,
+    before: Gaussian,
+    odometry: StepOdometry | None,
+    dt: float,
+    blind_s: float = 0.0,
 ) -> tuple[Float[np.ndarray, "10 10"], Gaussian]:
     """Jacobian of the motion model, and the state after it to first order.
 
@@ -192,6 +201,7 @@ def linearised_motion(
         before: State, entries as in `filtering.models`.
         odometry: As given to the filter.
         dt: Likewise, s.
+        blind_s: Time without odometry before, s.
     """
     blind = odometry is None or not (
         bool(np.all(np.isfinite(odometry.motion.vector))) and math.isfinite(odometry.steps)
@@ -208,7 +218,7 @@ def linearised_motion(
     F[X, LATERAL_SLIP], F[Y, LATERAL_SLIP] = -s * steps, c * steps
     F[YAW, DRIFT] = F[TURN, DRIFT] = steps
     F[TURN, TURN] = 0.0
-    Q = process_noise(config, float(x[YAW]), steps, dt, blind)
+    Q = process_noise(config, float(x[YAW]), steps, dt, blind_s if blind else None)
     return F, Gaussian(
         models.walk(x, dt, made, steps), models.positive(F @ before.covariance @ F.T + Q)
     )

@@ -125,6 +125,7 @@ class Registration:
         odometry: StepOdometry | None,
         dt: float,
         after: Gaussian,
+        blind_s: float = 0.0,
     ) -> None:
         """Follow a prediction of the pose filter.
 
@@ -133,8 +134,9 @@ class Registration:
             before, after: Its state.
             odometry: As given to the filter.
             dt: Likewise, s.
+            blind_s: Time without odometry before, s.
         """
-        F, predicted = linearised_motion(localiser, before, odometry, dt)
+        F, predicted = linearised_motion(localiser, before, odometry, dt, blind_s)
         self.keyframes.predict(before, F, predicted, after)
 
     def correct(self, before: Gaussian, after: Gaussian) -> None:

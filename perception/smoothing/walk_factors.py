@@ -98,12 +98,13 @@ def walk_factors(
     """
     config = config or LocaliserConfig()
     frames: list[tuple[float, list[Factor]]] = []
-    last_s = None
+    last_s, blind_s = None, 0.0
     for number, instant in enumerate(instants):
         factors: list[Factor] = []
         if number > 0:
             dt = instant.stamp_s - instants[number - 1].stamp_s
-            factors.append(step(config, number, instant.odometry, instant.imu, dt))
+            factors.append(step(config, number, instant.odometry, instant.imu, dt, blind_s))
+            blind_s = blind_s + max(dt, 0.0) if instant.odometry is None else 0.0
         elapsed = 0.0 if last_s is None else instant.stamp_s - last_s
         seen = glance(config, number, instant.sightings, places, elapsed)
         if seen is not None:
@@ -119,6 +120,7 @@ def step(
     odometry: StepOdometry | None,
     imu: Imu | None,
     dt: float,
+    blind_s: float = 0.0,
 ) -> Motion:
     """The motion from pose number - 1 to pose `number`, by legs and gyro together.
 
@@ -131,6 +133,7 @@ def step(
         odometry: Motion since the previous frame; None or not finite: the robot may have walked.
         imu: Means over that time; None or not finite: no gyro.
         dt: That time, s, not negative.
+        blind_s: Time without odometry before it, s.
     """
     if odometry is not None and not np.all(np.isfinite([*odometry.motion.vector, odometry.steps])):
         log.warning("step odometry %s is not finite and is not used", odometry)
@@ -138,7 +141,8 @@ def step(
     motion = odometry.motion if odometry else Pose2()
     steps = abs(odometry.steps) if odometry else 0.0
     dt = max(dt, 0.0) if math.isfinite(dt) else 0.0
-    noise = process_noise(config, 0.0, steps, max(dt, 1e-3), blind=odometry is None)[:3, :3]
+    blind = blind_s if odometry is None else None
+    noise = process_noise(config, 0.0, steps, max(dt, 1e-3), blind)[:3, :3]
     effects = []
     if steps > 0.0:
         effects.append(Effect(SLIP, steps, steps))

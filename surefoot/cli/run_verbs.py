@@ -71,6 +71,13 @@ if TYPE_CHECKING:
     metavar="SECONDS",
     help="Explore for this time instead of walking to a goal.",
 )
+@click.option(
+    "--fault",
+    "faults",
+    multiple=True,
+    metavar="NAME[:VALUE]",
+    help="Fault of a sensor, the clock or a foot, from 8 to 14 s; may be repeated (docs/howto/faults.md).",
+)
 @smooth_option
 @out_option
 @config_option
@@ -86,6 +93,7 @@ def simulate(
     record: bool,
     watch: bool,
     wander: float | None,
+    faults: tuple[str, ...],
     smooth_lag_s: float | None,
     out: Path | None,
     config_path: Path | None,
@@ -100,6 +108,7 @@ def simulate(
       surefoot simulate home --seed 7 --record --out runs/seven
       surefoot simulate home --wander 300    explore for five minutes
       surefoot simulate home --difficulty 1  more obstacles, narrower and faster
+      surefoot simulate home --fault frozen --fault dropped:0.2     what the robot notices, and does
       surefoot simulate --config runs/seven/config.toml     repeat a run
     """
     from ..config.load import load
@@ -115,6 +124,8 @@ def simulate(
         overrides = (*overrides, f"robot.body={body}")
     if wander is not None:
         overrides = (*overrides, "mission.wander=true", f"mission.time_limit_s={wander}")
+    if faults:
+        overrides = (*overrides, f"faults.inject={json.dumps(faults)}")
     config = load(config_path, overrides, scene=scene, seed=seed)
     page = _live_page() if watch else None
     with progress() as say:

@@ -48,6 +48,7 @@ from planning.search.potential import SearchConfig
 from planning.search.route import RouteConfig
 from planning.swarm.settings import SwarmWalkerConfig
 from planning.univector.fields import FieldConfig
+from sim.faults.injection import FaultConfig
 from sim.movers.law import MoversConfig
 from sim.robot import RobotConfig
 from sim.scenes.difficulty import USUAL
@@ -98,6 +99,7 @@ class Config:
     mission: MissionConfig = field(default_factory=MissionConfig)
     robot: RobotConfig = field(default_factory=RobotConfig)
     movers: MoversConfig = field(default_factory=MoversConfig)
+    faults: FaultConfig = field(default_factory=FaultConfig)
     reach: ReachesConfig = field(default_factory=ReachesConfig)
     tof: TofConfig = field(default_factory=lambda: CALIBRATED_TOF)
     stereo: StereoConfig = field(default_factory=StereoConfig)

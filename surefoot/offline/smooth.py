@@ -166,7 +166,7 @@ def _from_recording(folder: RunFolder, config: Config) -> WalkData:
     instants = []
     for frame in recording.frames():
         sightings = (
-            landmarks.detect(frame.colour, info.landmarks, config.landmarks)
+            landmarks.detect(frame.colour, info.landmarks, config.landmarks).sightings
             if frame.colour is not None and info.landmarks
             else []
         )

@@ -122,7 +122,7 @@ class McapRecording:
         return self._skips.skipped
 
     def frames(self) -> Iterator[Frame]:
-        """Every complete frame, in the order written.
+        """Every complete frame, in the order written; its clock may have been set back, as it was in the walk.
 
         Raises:
             RecordingError: There is none.
@@ -150,7 +150,7 @@ class McapRecording:
                 continue
             try:
                 closing = safe_input.json(message.data)
-                skips.check_stamp(closing["stamp_s"])
+                skips.check_stamp(closing["stamp_s"], may_go_back=True)
                 frame = decode(frame_from_messages(closing, group))
             except (FrameError, *DAMAGE, *WRONG) as error:
                 reason = str(error) if isinstance(error, FrameError) else f"damaged ({error!r})"

@@ -101,11 +101,17 @@ class SkipLog:
         """Record a frame that cannot be used."""
         self.skipped.append(SkippedFrame(name, reason))
 
-    def check_stamp(self, stamp_s: float) -> None:
-        """Raise a FrameError for a stamp that is not finite or not later than the one before."""
+    def check_stamp(self, stamp_s: float, may_go_back: bool = False) -> None:
+        """Raise a FrameError for a stamp that is not finite or not later than the one before.
+
+        Args:
+            stamp_s: The stamp.
+            may_go_back: Accept an earlier one: the frames are in order, and their clock was set.
+        """
         if not np.isfinite(stamp_s):
             raise FrameError("the stamp is not a number")
-        if self._stamp_s is not None and stamp_s <= self._stamp_s:
+        back = self._stamp_s is not None and stamp_s < self._stamp_s and not may_go_back
+        if back or stamp_s == self._stamp_s:
             fault = "equals" if stamp_s == self._stamp_s else "is earlier than"
             raise FrameError(f"the stamp {fault} that of the frame before")
 

@@ -55,6 +55,7 @@ FILES = {
     "cloud.ply": "point cloud of the run (MeshLab, CloudCompare, Open3D)",
     "obstacles.json": "tracks over time with covariances, and footprints of static obstacles",
     "floor.csv": "floor plane of every frame and camera",
+    "status.csv": "what the run doubted, and when",
     "odometry.csv": "step odometry and gyroscope",
     "sightings.csv": "landmark measurements: range and bearing with covariance",
     "commands.csv": "footsteps and gaze",

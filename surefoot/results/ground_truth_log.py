@@ -7,6 +7,7 @@ are rendered and before the planner decides; neither the pipeline nor a planner 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,11 +40,13 @@ class TruthLog:
         self._poses: list[tuple[float, float, float, float]] = []
         self._obstacles: list[tuple[object, ...]] = []
         self._floors: list[tuple[object, ...]] = []
+        self._faults: list[tuple[float, str]] = []
         self._clearances: list[tuple[object, ...]] = []
         self._borders = [_Border(*one) for one in self._truth.outlines()]
 
-    def note(self, stamp_s: float) -> None:
-        """Record the ground truth of this frame."""
+    def note(self, stamp_s: float, faults: Sequence[str] = ()) -> None:
+        """Record the ground truth of this frame, and the faults that were put into it."""
+        self._faults += [(stamp_s, name) for name in faults]
         pose = self._truth.robot_pose()
         self._poses.append((stamp_s, pose.x, pose.y, pose.yaw))
         for obstacle, name in zip(self._truth.obstacles(), self._truth.names(), strict=True):
@@ -88,6 +91,8 @@ class TruthLog:
         folder.write_csv(
             "truth/clearance.csv", ("stamp_s", "clearance_m", "object"), self._clearances
         )
+        if self._faults:
+            folder.write_csv("truth/faults.csv", ("stamp_s", "fault"), self._faults)
         folder.write_json("truth/outlines.json", [border.entry() for border in self._borders])
         x_min, y_min, x_max, y_max = self._scene.extent
         origin = np.array([x_min, y_min]) - 0.5

@@ -15,13 +15,13 @@ SIGHTINGS = "sightings.csv"
 SIGHTINGS_HEADER = ("stamp_s", "identity", "range_m", "bearing_rad", "P_rr", "P_rb", "P_bb")
 
 
-def odometry_row(frame: Frame) -> tuple[float | None, ...]:
-    """The row of `odometry.csv` of one frame; cells without a measurement stay empty."""
+def odometry_row(stamp_s: float, frame: Frame) -> tuple[float | None, ...]:
+    """The row of `odometry.csv` of one frame, at its time by the clock of the run; cells without a measurement stay empty."""
     step: tuple[float | None, ...] = (None,) * 4
     if frame.odometry is not None:
         step = (*frame.odometry.motion.vector.tolist(), frame.odometry.steps)
     gyro = (None,) * 3 if frame.imu is None else frame.imu.angular_velocity.tolist()
-    return (frame.stamp_s, *step, *gyro)
+    return (stamp_s, *step, *gyro)
 
 
 def sighting_rows(

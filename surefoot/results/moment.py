@@ -98,6 +98,7 @@ class Moment:
         gaze: Commanded pan and tilt.
         gaze_map: Worth of the directions, by which the gaze was chosen, in whole 255ths of the best.
         why: The planner's word for its decision; empty between decisions.
+        status: What is doubted, in words.
         risk: Probability of contact with what may move, on the chosen plan, as the guard claims it.
         floor: By camera.
         grid: The terrain map.
@@ -124,6 +125,7 @@ class Moment:
     gaze: tuple[float, float] | None = None
     gaze_map: DirectionMap | None = None
     why: str = ""
+    status: tuple[str, ...] = ()
     risk: float | None = None
     floor: dict[str, FloorSeen] = field(default_factory=dict)
     grid: Layers | None = None

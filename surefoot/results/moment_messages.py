@@ -118,6 +118,7 @@ def moment_from_messages(data: Mapping[str, bytes]) -> Moment:
         gaze=_pair(values["gaze"]),
         gaze_map=_gaze_map(data.get(GAZE), values),
         why=values["why"],
+        status=tuple(values.get("status", ())),
         risk=values["risk"],
         floor={name: _floor(one) for name, one in values["floor"].items()},
         grid=_layers(data.get(GRID)),
@@ -164,6 +165,7 @@ def _numbers_of(moment: Moment) -> dict[str, Any]:
         "gaze_pans": None if gaze is None else _list(gaze.pans),
         "gaze_tilts": None if gaze is None else _list(gaze.tilts),
         "why": moment.why,
+        "status": list(moment.status),
         "risk": moment.risk,
         "floor": {
             name: {

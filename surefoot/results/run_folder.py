@@ -50,7 +50,7 @@ _OUTPUTS = (  # files and folders that a repeated run deletes before it starts
     "trajectory_covariance.csv", "space_covariance.csv", ERRORS, "errors.csv", "tracking.csv", "map.yaml", "map.pgm", "cloud.ply",
     "map_probability.yaml", "map_probability.png", "map_layers.tif",
     "obstacles.json", "floor.csv", "timing.csv", "commands.csv", "innovations.csv", "terrain.npz", "states.csv",
-    "odometry.csv", "sightings.csv", "smoothed.txt", "smoothed_covariance.csv", "views.json", "mesh.ply",
+    "status.csv", "odometry.csv", "sightings.csv", "smoothed.txt", "smoothed_covariance.csv", "views.json", "mesh.ply",
     "graph.g2o", "layers.npz", "panorama.json", "panorama.npz", "panorama.ply", "panorama_obstacles.png",
     "monocular.json", "figures", "views", "truth", "estimates.mcap", "film.webp", "film.json",
 )  # fmt: skip

@@ -7,7 +7,7 @@ is encoded and decoded in the recording's format before use, so that live and of
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from perception.primitives.frame import Frame
@@ -19,6 +19,7 @@ from ..recordings.mcap_format import RecordingWriter
 from ..recordings.recording import Recording
 
 if TYPE_CHECKING:
+    from sim.faults.injection import FaultInjector
     from sim.robot import SimulatedRobot
 
 
@@ -50,20 +51,49 @@ class Body(Protocol):
 class LiveBody:
     """A simulated robot; records its frames if a writer is given."""
 
-    def __init__(self, robot: SimulatedRobot, writer: RecordingWriter | None = None) -> None:
-        self._robot = robot
-        self._writer = writer
+    def __init__(
+        self,
+        robot: SimulatedRobot,
+        writer: RecordingWriter | None = None,
+        faults: FaultInjector | None = None,
+        lost: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Take over a robot.
+
+        Args:
+            robot: Walks and measures.
+            writer: Of the recording.
+            faults: Change its frames before anybody sees them.
+            lost: Called at the instant of each frame that never arrives.
+        """
+        self._robot, self._writer = robot, writer
+        self._faults, self._lost = faults, lost
+        self._stamp_s: float | None = None
         self.fell_at_s: float | None = None
 
     def read(self) -> Frame | None:
         """The next frame, as a recording stores it; None once the robot has fallen.
 
-        The pipeline assumes an upright robot, so frames of a fallen one are useless.
+        The pipeline assumes an upright robot, so frames of a fallen one are useless. A frame with the stamp of the one
+        before is no new frame, here and in a recording.
         """
-        frame = None if self._robot.fallen else self._robot.read()
-        if frame is None or self._robot.fallen:
-            self.fell_at_s = self._robot.world.stamp_s
-            return None
+        while not self._robot.fallen:
+            frame = self._robot.read()
+            if self._robot.fallen:
+                break
+            if self._faults is not None:
+                arrived = self._faults.apply(frame)
+                if arrived is None or arrived.stamp_s == self._stamp_s:
+                    self._lost()
+                    continue
+                frame = arrived
+            return self._kept(frame)
+        self.fell_at_s = self._robot.world.stamp_s
+        return None
+
+    def _kept(self, frame: Frame) -> Frame:
+        """The frame as the recording has it."""
+        self._stamp_s = frame.stamp_s
         encoded = encode(frame)
         if self._writer is not None:
             self._writer.write(encoded)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from perception.primitives.frame import Frame
 from perception.primitives.stopwatch import Stopwatch
+from planning.planners.caution import cautious
 from planning.planners.planner import Decision, Planner
 from planning.world_model import WorldModel
 
@@ -52,7 +53,7 @@ def cycles(body: Body, perception: PerceptionSource, planner: Planner | None) ->
             with watch.stage("decide"):
                 planner.observe(world)
                 if frame.footstep_due:
-                    decision = planner.decide(world)
+                    decision = cautious(planner.decide(world), world.estimate.status)
         world.estimate.timing_ms.update(watch.milliseconds)
         if decision is not None:
             body.walk(decision.walk)

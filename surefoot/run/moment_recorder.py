@@ -116,6 +116,7 @@ def moment_of(cycle: Cycle, config: Config, patterns: MotionPatterns, pictured: 
             for view in estimate.views
         },
         grid=None if world.grid is None else _layers(world.grid, world.confidence),
+        status=tuple(one.words for one in estimate.status),
         tracks=tuple(world.tracks),
         predictions=tuple(predictions),
         timing_ms={name: float(ms) for name, ms in estimate.timing_ms.items()},

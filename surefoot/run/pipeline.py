@@ -33,26 +33,35 @@ from perception.floor.segmented_view import (
     truncated,
 )
 from perception.localisation import landmarks
-from perception.localisation.filter import PoseFilter
+from perception.localisation.filter import PoseFilter, UpdateReport
 from perception.localisation.given_poses import GivenPoses
 from perception.localisation.legged_poses import LeggedLocaliser
 from perception.localisation.pose_source import PoseSource
 from perception.localisation.registration import RegistrationReport
 from perception.localisation.static_points import static_points
+from perception.monitoring.agreement import Bias, Surprise
+from perception.monitoring.clock import RunClock
+from perception.monitoring.pictures import PictureWatch
+from perception.monitoring.status import SLOW, Doubt, StatusBoard
 from perception.monocular.colour_floor import ColourFloor, ColourFloorFinder, seen_by_any
 from perception.obstacles import clustering, colour_detection
 from perception.obstacles.clustering import Cluster
 from perception.obstacles.track import Detection
 from perception.obstacles.tracker import ObstacleTracker
 from perception.odometry.odometry_poses import OdometryPoses
-from perception.primitives.frame import Depth, Frame
+from perception.primitives.frame import ColourView, Depth, Frame
 from perception.primitives.gaussian import Gaussian
+from perception.primitives.landmark import Sighting
 from perception.primitives.pose import Pose2
 from perception.primitives.stopwatch import Stopwatch
 from planning.world_model import WorldModel
 
 from ..config.schema import Config
 from ..recordings.recording import RecordingInfo
+
+FLOORS = 6  # ours: floors that are compared with the joints together; two seconds of two cameras
+HEIGHTS, MISPLACED_NIS = 4, 1e3
+"""Ours: pictures whose tags are compared with their heights together; what a picture of misplaced tags counts."""
 
 
 class Pipeline:
@@ -73,6 +82,9 @@ class Pipeline:
         self.health = DepthHealth(config.depth_health)
         flow = config.swarm.as_walked.prediction == "flow"
         self.colour_floor = ColourFloorFinder(config.monocular, flow)
+        self._clock, self._pictures = RunClock(), PictureWatch()
+        self._floors, self._heights = Bias(2, FLOORS), Surprise(1, HEIGHTS)
+        self._status = StatusBoard()
         self._reset_maps()
 
     def _reset_maps(self) -> None:
@@ -86,12 +98,10 @@ class Pipeline:
     def cycle(self, frame: Frame) -> WorldModel:
         """Process one frame, from images to tracks and maps."""
         watch = Stopwatch()
+        with watch.stage("watch"):
+            frame, doubts = self._watched(frame)
         with watch.stage("localise"):
-            sightings = (
-                landmarks.detect(frame.colour, self.landmarks, self.config.landmarks)
-                if frame.colour is not None and self.landmarks
-                else []
-            )
+            sightings = self._sightings(frame.colour)
             report = self.pose_source.update(frame, sightings)
         views = []
         for sensor, depth in self.depth_sources.images(frame, watch.stage):
@@ -104,6 +114,7 @@ class Pipeline:
         pose = self.pose_source.pose
         if frame.footstep_due:
             self.health.update([(view.depth, view.floor) for view in views])
+        doubts += self._doubts(report)
         by_colour = None
         if pose is not None and self._needs_colour_floor(frame):
             with watch.stage("floor by colour"):
@@ -141,8 +152,38 @@ class Pipeline:
             frame.colour,
             by_colour,
             self.health.healthy,
+            self._status.update(frame.stamp_s, doubts),
         )
         return WorldModel(estimate, self.grid, self.confidence, self.world, self.landmarks)
+
+    def _watched(self, frame: Frame) -> tuple[Frame, list[Doubt]]:
+        """The frame by the clock of the run, with the pictures that can be used, and what is wrong with it."""
+        stamp_s = self._clock.read(frame.stamp_s, frame.footstep_due)
+        frame, doubts = self._pictures.check(replace(frame, stamp_s=stamp_s))
+        if self._clock.set_back:
+            doubts.append(Doubt("clock set back"))
+        if self._clock.missing_s > 0.0 and isinstance(self.pose_source, LeggedLocaliser):
+            doubts.append(Doubt("gap in stamps", SLOW))
+        return frame, doubts
+
+    def _sightings(self, colour: ColourView | None) -> list[Sighting]:
+        """The landmarks of a picture; none while the camera points elsewhere than the joints say."""
+        if colour is None or not self.landmarks:
+            return []
+        seen = landmarks.detect(colour, self.landmarks, self.config.landmarks)
+        if seen.sightings or seen.misplaced:
+            wrong = seen.misplaced > len(seen.sightings)
+            self._heights.update(MISPLACED_NIS if wrong else 1.0)
+        return seen.sightings if self._heights.agrees and self._floors.agrees else []
+
+    def _doubts(self, report: UpdateReport | None) -> list[Doubt]:
+        """What localiser, floor and depth doubt in this frame."""
+        found = [] if report is None else list(report.doubts)
+        if not (self._floors.agrees and self._heights.agrees):
+            found.append(Doubt("camera and joints disagree", SLOW))
+        if not self.health.healthy:
+            found.append(Doubt("no depth"))
+        return found
 
     def _needs_colour_floor(self, frame: Frame) -> bool:
         """Whether to find the floor by colour: by default if the planner needs it or depth is lost."""
@@ -161,6 +202,10 @@ class Pipeline:
         cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
         expected = self.pose_source.expected_floor(depth.T_body_camera)
         floor = choose.find(cloud, expected, self.rng, self.floor_config, sensor)
+        if floor is not None and depth.T_body_camera is not None:
+            seen = floor.among_points
+            spread = expected.covariance + seen.covariance
+            self._floors.update(expected.error_to(seen)[:2], spread[:2, :2])
         placed = self.pose_source.place(depth.T_body_camera, None if floor is None else floor.plane)
         if placed is None:
             return None

@@ -39,6 +39,7 @@ from ..results.measurement_log import (
 from ..results.moment import Moment
 from ..results.row_stream import JsonStream, RowStream
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
+from ..results.status_log import StatusLog
 from ..results.version import version
 from .loop import Cycle
 from .moment_recorder import MomentRecorder
@@ -86,6 +87,7 @@ class RunRecorder:
         self._innovations = RowStream(folder, "innovations.csv", INNOVATION_HEADER)
         self._odometry = RowStream(folder, ODOMETRY, ODOMETRY_HEADER)
         self._sightings = RowStream(folder, SIGHTINGS, SIGHTINGS_HEADER)
+        self._status = StatusLog(folder)
         self._tracks = JsonStream(folder, "obstacles.json")
         self._moments = MomentRecorder(folder, config, info.start is not None)
         folder.write_text("config.toml", toml.dumps(config))
@@ -99,11 +101,12 @@ class RunRecorder:
         """Write one cycle; returns its moment, if it is one that is kept."""
         frame, estimate, decision = cycle.frame, cycle.world.estimate, cycle.decision
         stamp = estimate.stamp_s
+        self._status.note(stamp, estimate.status)
         self._first_s = stamp if self.frames == 0 else self._first_s
         self._last_s = stamp
         self.frames += 1
         self._note_times(stamp, estimate.timing_ms)
-        self._odometry.append(odometry_row(frame))
+        self._odometry.append(odometry_row(stamp, frame))
         for row in sighting_rows(stamp, estimate.sightings):
             self._sightings.append(row)
         if estimate.pose is not None:
@@ -156,13 +159,17 @@ class RunRecorder:
 
     def notes(self) -> tuple[str, ...]:
         """Notes for the user on how the recording was used."""
-        notes = [f"floor seen in {self._floor_seen} of {self.frames} frames"]
+        notes = [f"floor seen in {self._floor_seen} of {self.frames} frames", *self.status_notes()]
         if not self._poses.rows:
             notes.append(
                 "the recording has neither poses nor footsteps: frames are processed independently, "
                 "and the map shows the last frame only"
             )
         return tuple(notes)
+
+    def status_notes(self) -> tuple[str, ...]:
+        """What the run doubted, and when."""
+        return self._status.notes()
 
     def finish(self, pipeline: Pipeline, summary: dict[str, Any]) -> None:
         """Write maps, summary and report, and close all tables."""
@@ -195,6 +202,7 @@ class RunRecorder:
                     [mark.identity, *mark.position, mark.side_m] for mark in self._info.landmarks
                 ],
                 "landmark_sightings": self._landmarks,
+                "status": self._status.entries(),
                 "renderer": self._config.renderer,
                 "version": version(),
                 "recording": self._recording,
@@ -224,6 +232,7 @@ class RunRecorder:
         for table in (self._floors, self._odometry, self._sightings, self._innovations):
             table.close()
         self._commands.close(keep_empty=False)
+        self._status.close()
         self._poses.close(keep_empty=False)
         if self._poses.rows and not self._folder.has("trajectory.txt"):  # that of a camera in space
             self._folder.write_planar_trajectory()

@@ -92,6 +92,7 @@ def simulate(
         SurefootError: PyBullet, which the robot needs, is not installed.
     """
     from sim import bullet
+    from sim.faults.injection import FaultInjector
     from sim.robot import SimulatedRobot
     from sim.scenes import catalogue  # loaded only for simulation
     from sim.world import World
@@ -109,17 +110,18 @@ def simulate(
         begin = stack.enter_context(_recorder(folder, record))
         robot = stack.enter_context(SimulatedRobot(world, config.robot, config.seed))
         info = known_beforehand(scene, robot, config)
-        body = LiveBody(robot, begin(info))
+        truth = TruthLog(robot, scene)
+        faults = FaultInjector(config.faults, config.seed)
+        body = LiveBody(robot, begin(info), faults, lambda: truth.note(world.stamp_s))
         pipeline = Pipeline(config, info)
         planner = make_planner(config, goals)
-        truth = TruthLog(robot, scene)
         recorder = RunRecorder(folder, config.resolved(renderer=world.renderer), info, goals)
         if page is not None:
             page.watch(folder)
         interrupted = False
         stopped = stack.enter_context(stop_requested())
         for cycle in cycles(body, pipeline, planner):
-            truth.note(cycle.frame.stamp_s)
+            truth.note(cycle.world.stamp_s, faults.touched())
             moment = recorder.note(cycle)
             if page is not None and moment is not None:
                 page.show(moment, stopped)
@@ -135,7 +137,10 @@ def simulate(
         recorder.frames,
         recorder.seconds,
         reached=(planner.reached, len(goals)) if goals else None,
-        notes=() if fell is None else (f"the robot fell after {fell:.1f} s",),
+        notes=(
+            *(() if fell is None else (f"the robot fell after {fell:.1f} s",)),
+            *recorder.status_notes(),
+        ),
         fell_at_s=fell,
         body=config.robot.body,
         interrupted=interrupted,

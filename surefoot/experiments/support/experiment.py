@@ -53,6 +53,7 @@ FILES = {
     "INT-3": "joint.floor_methods",
     "INT-4": "joint.four_planners",
     "crowd": "joint.crowd",
+    "faults": "joint.faults",
     "gaze-benchmark": "joint.gaze_benchmark",
     "home": "joint.home",
     "localisation": "joint.localisation",

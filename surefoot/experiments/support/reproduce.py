@@ -43,6 +43,7 @@ SMALLER: dict[str, dict[str, float]] = {
     "004-E3": {"motions": 3},
     "004-E4": {"motions": 2},
     "004-E5": {"scenes": 4, "ablated": False},
+    "faults": {"faults": 3},
     "mrclam": {"untuned_logs": False},
     "real-honesty": {"floors_alone": True},
     "real-mapping": {"parts": 1},

@@ -63,6 +63,7 @@ def _values(moments: Sequence[Moment], nearest: Numbers) -> list[tuple[str, list
 
     rows = [
         ("decision", each(lambda one: one.why)),
+        ("status", each(lambda one: "; ".join(one.status))),
         ("claimed risk", each(lambda one: _said(one.risk, "{:.1%} chance of contact"))),
         ("position", each(_position)),
         ("heading", each(_heading)),

@@ -256,8 +256,8 @@ def test_landmarks_make_lateral_slip_observable(lateral_slip_m, engine):
 def test_process_noise_of_standing_differs_from_walking():
     """The soles settle while standing, which is no noise of walking."""
     config = LocaliserConfig(still_sigma_m=0.01, still_sigma_rad=0.1)
-    walking = process_noise(config, 0.0, 0.5, 0.325, blind=False)
-    standing = process_noise(config, 0.0, 0.0, 0.325, blind=False)
+    walking = process_noise(config, 0.0, 0.5, 0.325, None)
+    standing = process_noise(config, 0.0, 0.0, 0.325, None)
     assert walking[0, 0] == pytest.approx(0.5 * config.step_x_sigma_m**2)
     assert walking[2, 2] == pytest.approx(0.5 * config.step_yaw_sigma_rad**2)
     assert standing[0, 0] == pytest.approx(0.325 * 0.01**2)
@@ -282,7 +282,7 @@ def test_a_prediction_agrees_with_monte_carlo():
     cloud = rng.multivariate_normal(before.mean, before.covariance, size=n)
     moved = np.array([models.walk(s, 0.3, motion, 1.0) for s in cloud])
     moved += rng.multivariate_normal(
-        np.zeros(models.WALKER_SIZE), process_noise(config, 0.0, 1.0, 0.3, False), n
+        np.zeros(models.WALKER_SIZE), process_noise(config, 0.0, 1.0, 0.3, None), n
     )
     robot.predict(StepOdometry(motion, 1.0), None, 0.3)
     P = robot.pose.covariance
@@ -402,7 +402,7 @@ def test_without_odometry_the_uncertainty_grows_with_cruise_speed():
     for _ in range(30):
         robot.predict(None, None, 0.325)
     sigma = math.sqrt(robot.pose.covariance[0, 0])
-    assert 0.1 < sigma < 0.7  # 10 s at up to 0.07 m/s
+    assert 0.7 < sigma < 1.05  # 10 s at 0.07 (cruise) to 0.1 m/s, in one direction
 
 
 def test_estimates_are_reproducible_bit_for_bit():

@@ -246,7 +246,7 @@ def test_linearised_motion_agrees_with_the_motion_model() -> None:
             - models.walk(down, 0.3, odometry.motion, 0.6)
         ) / 2e-5
         assert np.allclose(F[:, k], column, atol=1e-8)
-    Q = process_noise(LocaliserConfig(), 0.7, 0.6, 0.3, blind=False)
+    Q = process_noise(LocaliserConfig(), 0.7, 0.6, 0.3, blind_s=None)
     assert np.allclose(predicted.covariance, F @ P @ F.T + Q, atol=1e-12)
 
 

@@ -145,7 +145,7 @@ def test_several_tags_come_in_order_and_unknown_ones_are_ignored():
     tags = [(9, 0.25), (4, 0.0), (30, -0.25)]
     seen = [(i, head().inverse() @ tag_in_body(1.2, b, 0.45, 0.0)) for i, b in tags]
     known = [Landmark(i, (1.0, 2.0, 0.45), SIDE_M) for i in (4, 9, 11)]
-    found = detect(ColourView(draw(CAMERA, seen, rng), CAMERA, head()), known)
+    found = detect(ColourView(draw(CAMERA, seen, rng), CAMERA, head()), known).sightings
     assert [s.identity for s in found] == [4, 9]
     np.testing.assert_allclose(found[1].measured, [1.2, 0.25], atol=0.02)
 
@@ -154,28 +154,32 @@ def test_a_tag_seen_twice_is_ignored():
     rng = np.random.default_rng(4)
     seen = [(4, head().inverse() @ tag_in_body(1.2, b, 0.45, 0.0)) for b in (-0.2, 0.2)]
     known = [Landmark(4, (1.0, 2.0, 0.45), SIDE_M)]
-    assert detect(ColourView(draw(CAMERA, seen, rng), CAMERA, head()), known) == []
+    assert detect(ColourView(draw(CAMERA, seen, rng), CAMERA, head()), known).sightings == []
 
 
-def test_a_tag_at_the_wrong_height_is_ignored():
+def test_a_tag_at_the_wrong_height_is_ignored_and_counted():
     rng = np.random.default_rng(5)
     image = draw(CAMERA, [(4, head().inverse() @ tag_in_body(1.2, 0.1, 0.45, 0.0))], rng)
     right = detect(ColourView(image, CAMERA, head()), [Landmark(4, (0.0, 0.0, 0.45), SIDE_M)])
     wrong = detect(ColourView(image, CAMERA, head()), [Landmark(4, (0.0, 0.0, 0.75), SIDE_M)])
-    assert len(right) == 1
-    assert wrong == []
+    assert (len(right.sightings), right.misplaced) == (1, 0)
+    assert (len(wrong.sightings), wrong.misplaced) == (0, 1)
 
 
 def test_an_empty_image_has_no_sightings():
     rgb = np.full((240, 320, 3), 90, np.uint8)
-    assert detect(ColourView(rgb, CAMERA, head()), [Landmark(4, (0.0, 0.0, 0.4), SIDE_M)]) == []
+    assert not detect(
+        ColourView(rgb, CAMERA, head()), [Landmark(4, (0.0, 0.0, 0.4), SIDE_M)]
+    ).sightings
 
 
 def test_the_bearing_does_not_depend_on_the_pan_of_the_head():
     rng = np.random.default_rng(6)
     aside = head(pan=0.8, tilt=0.2)
     image = draw(CAMERA, [(4, aside.inverse() @ tag_in_body(1.3, 0.9, 0.40, 0.0))], rng)
-    (seen,) = detect(ColourView(image, CAMERA, aside), [Landmark(4, (0.0, 0.0, 0.40), SIDE_M)])
+    (seen,) = detect(
+        ColourView(image, CAMERA, aside), [Landmark(4, (0.0, 0.0, 0.40), SIDE_M)]
+    ).sightings
     np.testing.assert_allclose(seen.measured, [1.3, 0.9], atol=0.01)
 
 
@@ -225,7 +229,7 @@ def test_sightings_with_head_errors_are_consistent_with_their_covariance():
         turn = slip[0] * np.array([0.0, 0.0, 1.0]) + slip[1] * R[:, 0] + slip[2] * R[:, 2]
         believed = Pose3.from_rotation(Rotation.from_rotvec(turn).as_matrix() @ R, true.position)
         view = ColourView(image, CAMERA, believed)
-        for seen in detect(view, [Landmark(7, (0.0, 0.0, 0.45), SIDE_M)], config):
+        for seen in detect(view, [Landmark(7, (0.0, 0.0, 0.45), SIDE_M)], config).sightings:
             errors.append(seen.measured - [distance, bearing])
             covariances.append(seen.covariance)
     n = len(errors)

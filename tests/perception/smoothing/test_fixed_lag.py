@@ -13,7 +13,7 @@ from perception.filtering.consistency import band, nees
 from perception.localisation.filter import PoseFilter
 from perception.localisation.localiser_noise import (
     GYRO_BIAS_SIGMA_RADPS,
-    NO_ODOMETRY_SIGMA_M,
+    NO_ODOMETRY_MPS,
     RANGE_WALK,
     LocaliserConfig,
 )
@@ -227,7 +227,7 @@ def test_without_sensors_the_uncertainty_grows():
     frames = walk_factors(instants, PLACES, CONFIG)
     poses = smooth([f for _, factors in frames for f in factors], Gaussian(np.zeros(3), STARTING))
     deviation = math.sqrt(poses[-1].covariance[0, 0])
-    assert deviation >= NO_ODOMETRY_SIGMA_M * math.sqrt(6.0)
+    assert deviation >= NO_ODOMETRY_MPS * 6.0
 
 
 def test_the_turn_by_legs_and_gyro_is_weighted_by_variance():

@@ -43,7 +43,7 @@ def test_tags_by_geometry_agree_with_tags_in_images() -> None:
             frame = robot.read()
             if frame.colour is None:
                 continue
-            by_images = landmarks.detect(frame.colour, scene.landmarks, config)
+            by_images = landmarks.detect(frame.colour, scene.landmarks, config).sightings
             true = robot.camera_in_world(image.mount_m)
             assert frame.colour.T_body_camera is not None
             by_geometry = tags.look(world.rays, image, true, frame.colour.T_body_camera)

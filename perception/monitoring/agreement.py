@@ -1,0 +1,82 @@
+"""Whether measurements of the same thing agree, over the last few of them.
+
+One innovation beyond its covariance is an outlier; several in a row to the same side are a fault. Source: Bar-Shalom,
+Li, Kirubarajan (2001), section 5.4: time-averaged tests of innovations; the windows are ours.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from jaxtyping import Float
+
+from ..filtering.consistency import chi_square_quantile
+
+DISAGREE, AGREE = 0.9999, 0.9  # ours: probability at which a doubt begins, and at which it ends
+
+
+class Bias:
+    """Tests whether the innovations of a window have a common bias."""
+
+    def __init__(self, degrees: int, window: int) -> None:
+        """Begin without innovations.
+
+        Args:
+            degrees: Entries of an innovation.
+            window: Number of innovations that are summed.
+        """
+        self._recent: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=window)
+        self._limits = [chi_square_quantile(one, degrees) for one in (DISAGREE, AGREE)]
+        self.agrees = True
+
+    def update(
+        self, innovation: Float[np.ndarray, "d"], covariance: Float[np.ndarray, "d d"]
+    ) -> bool:
+        """Take in an innovation with its covariance; whether all is well."""
+        self._recent.append((innovation, covariance))
+        total = self.total
+        spread = np.sum([P for _, P in self._recent], axis=0)
+        squared = float(total @ np.linalg.solve(spread, total))
+        begin, end = self._limits
+        self.agrees = squared <= (begin if self.agrees else end)
+        return self.agrees
+
+    @property
+    def total(self) -> Float[np.ndarray, "d"]:
+        """Sum of the innovations in the window."""
+        return np.asarray(np.sum([one for one, _ in self._recent], axis=0))
+
+
+class Surprise:
+    """Tests whether the innovations of a window are larger than their covariances."""
+
+    def __init__(self, degrees: int, window: int) -> None:
+        """Begin without innovations; arguments as for `Bias`."""
+        self._degrees = degrees
+        self._recent: deque[float] = deque(maxlen=window)
+        self._limits = {
+            n: [chi_square_quantile(one, n * degrees) for one in (DISAGREE, AGREE)]
+            for n in range(1, window + 1)
+        }
+        self._cap = self._limits[window][0] / 2.0
+        self.agrees = True
+
+    def update(self, nis: float) -> bool:
+        """Take in a normalised innovation squared; whether all is well.
+
+        One outlier is never a doubt: it counts for at most half of what makes one.
+        """
+        self._recent.append(min(nis, self._cap))
+        begin, end = self._limits[len(self._recent)]
+        enough = len(self._recent) == self._recent.maxlen
+        total = sum(self._recent)
+        self.agrees = (not enough or total <= begin) if self.agrees else total <= end
+        return self.agrees
+
+    @property
+    def factor(self) -> float:
+        """By how much the covariances of the window are too small; 1 while all is well."""
+        if self.agrees:
+            return 1.0
+        return max(1.0, sum(self._recent) / (self._degrees * len(self._recent)))

@@ -1,0 +1,73 @@
+"""The clock of a run: it follows the stamps of the frames, and never goes back.
+
+A recording and a live run are treated alike. Where a stamp is not later than the one before, the clock has been set:
+the run goes on by its usual interval, and follows the new clock from there. A longer interval than usual means that
+frames are missing, or that the clock was set ahead; nobody can tell, so what was measured meanwhile counts as lost.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+RECENT = 9  # ours: intervals of which the median is usual
+LONG = 1.3  # ours: a step has two frames 0.2 and 0.45 s apart; without one of them they are 0.65 s apart
+JITTER_S = 0.02  # ours: of stamps
+LEAST_S = 0.001  # ours: of a usual interval
+FIRST_S = 0.1  # ours: interval before one is known
+
+
+class UsualIntervals:
+    """How far apart frames usually are: those at which a footstep is due, and the others."""
+
+    def __init__(self) -> None:
+        self._recent: dict[bool, deque[float]] = {}
+
+    def usual(self, footstep_due: bool) -> float | None:
+        """The median of the latest intervals, s; None before the first."""
+        recent = self._recent.get(footstep_due)
+        return sorted(recent)[len(recent) // 2] if recent else None
+
+    def missing(self, footstep_due: bool, elapsed_s: float) -> float:
+        """Time without measurements in an interval, s; 0 for a usual one.
+
+        Args:
+            footstep_due: Of the frame that ends it.
+            elapsed_s: Its length.
+        """
+        usual_s = self.usual(footstep_due)
+        self._recent.setdefault(footstep_due, deque(maxlen=RECENT)).append(elapsed_s)
+        if usual_s is None or elapsed_s <= LONG * usual_s + JITTER_S:
+            return 0.0
+        return elapsed_s - usual_s
+
+
+class RunClock:
+    """The time of a run, from frame to frame."""
+
+    def __init__(self) -> None:
+        self._intervals = UsualIntervals()
+        self._offset_s = 0.0
+        self._last_s: float | None = None
+        self.set_back = False
+        """Whether the latest stamp was not later than the one before."""
+        self.missing_s = 0.0
+        """Time without measurements before the latest frame."""
+
+    def read(self, stamp_s: float, footstep_due: bool) -> float:
+        """The time of a frame, s: its stamp, as long as no stamp goes back.
+
+        Args:
+            stamp_s: Its stamp.
+            footstep_due: Of the frame.
+        """
+        now_s, last_s = stamp_s + self._offset_s, self._last_s
+        self.set_back = last_s is not None and now_s <= last_s
+        if last_s is not None and self.set_back:
+            usual_s = self._intervals.usual(footstep_due) or FIRST_S
+            now_s = last_s + max(usual_s, LEAST_S)
+            self._offset_s = now_s - stamp_s
+        self.missing_s = 0.0
+        if last_s is not None:
+            self.missing_s = self._intervals.missing(footstep_due, now_s - last_s)
+        self._last_s = now_s
+        return now_s

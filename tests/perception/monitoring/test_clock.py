@@ -1,0 +1,76 @@
+"""The clock of a run follows the stamps, and never goes back."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from perception.monitoring.clock import RunClock
+
+STEP = (0.45, 0.20)  # intervals of a walking robot: the second ends with a footstep
+
+
+def walk_stamps(count: int) -> list[tuple[float, bool]]:
+    """Stamps of a walk, and whether a footstep is due."""
+    ends = np.cumsum(np.resize(STEP, count))
+    return [(float(s), number % 2 == 1) for number, s in enumerate(ends)]
+
+
+def test_without_a_fault_the_time_is_the_stamp_to_the_bit_and_nothing_is_missing():
+    clock = RunClock()
+    for stamp, due in walk_stamps(40):
+        assert clock.read(stamp, due) == stamp
+        assert clock.missing_s == 0.0
+        assert not clock.set_back
+
+
+def test_any_lost_frame_of_a_step_is_missed_and_its_time_is_known():
+    for lost in (20, 21):
+        clock = RunClock()
+        frames = walk_stamps(40)
+        for number, (stamp, due) in enumerate(frames):
+            if number == lost:
+                continue
+            clock.read(stamp, due)
+            expected = STEP[lost % 2] if number == lost + 1 else 0.0
+            assert abs(clock.missing_s - expected) < 1e-9
+
+
+def test_a_clock_that_is_set_back_goes_on_by_the_usual_interval():
+    clock = RunClock()
+    times = []
+    for number, (stamp, due) in enumerate(walk_stamps(40)):
+        times.append(clock.read(stamp - (1000.0 if number >= 20 else 0.0), due))
+        assert clock.set_back == (number == 20)
+        assert clock.missing_s == 0.0
+    np.testing.assert_allclose(times, [stamp for stamp, _ in walk_stamps(40)], atol=1e-9)
+
+
+def test_a_clock_that_is_set_ahead_counts_as_missing_time():
+    clock = RunClock()
+    for number, (stamp, due) in enumerate(walk_stamps(40)):
+        clock.read(stamp + (1.0 if number >= 20 else 0.0), due)
+        assert abs(clock.missing_s - (1.0 if number == 20 else 0.0)) < 1e-9
+
+
+def test_a_new_pace_becomes_usual():
+    clock = RunClock()
+    stamps = [*np.arange(0.0, 3.0, 0.1), *np.arange(3.0, 13.0, 0.5)]
+    missing = []
+    for stamp in stamps:
+        clock.read(float(stamp), False)
+        missing.append(clock.missing_s)
+    assert sum(one > 0.0 for one in missing) < 8
+    assert missing[-1] == 0.0
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.booleans()), max_size=30))
+def test_time_never_goes_back_whatever_the_stamps(frames):
+    clock = RunClock()
+    times = [clock.read(stamp, due) for stamp, due in frames]
+    assert all(a < b for a, b in pairwise(times))
+    assert clock.missing_s >= 0.0
