@@ -13,7 +13,7 @@ import click
 from .experiment_verbs import experiment, reproduce
 from .quickstart import quickstart
 from .recording_verbs import calibrate_noise, map_verb, monocular, panorama
-from .run_verbs import process, simulate, smooth
+from .run_verbs import process, simulate, smooth, soak
 from .share_verbs import export, film
 from .study_verbs import bench, completion, doctor, evaluate, replay, settings, view
 from .terminal import Verbs
@@ -47,7 +47,7 @@ def main(debug: bool) -> None:
 
 
 for _verb in (
-    quickstart, simulate, process, smooth, map_verb, panorama, monocular, calibrate_noise,
+    quickstart, simulate, soak, process, smooth, map_verb, panorama, monocular, calibrate_noise,
     evaluate, view, replay, film, export, experiment, reproduce, bench, settings, doctor, completion,
 ):  # fmt: skip
     main.add_command(_verb)

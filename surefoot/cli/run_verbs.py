@@ -139,6 +139,40 @@ def simulate(
 
 
 @click.command()
+@click.argument("hours", type=click.FloatRange(min=0.0, min_open=True))
+@click.option("--out", type=PATH, default=Path("runs") / "soak", show_default=True,
+              help="Folder of soak.csv; a soak in it goes on.")  # fmt: skip
+@config_option
+@set_option
+@json_option
+def soak(
+    hours: float,
+    out: Path,
+    config_path: Path | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Walk through random scenes with random faults for HOURS; watch memory, latency, contacts and NEES.
+
+    \b
+    Examples:
+      surefoot soak 2                                  leaves runs/soak/soak.csv
+      surefoot soak 8                                  goes on there, to eight hours
+      surefoot soak 1 --set mission.time_limit_s=60    short walks
+    """
+    from ..config.load import load
+    from ..run import soak as soaking
+
+    with progress() as say:
+        walks = soaking.soak(hours, out, load(config_path, overrides), say)
+    figures = soaking.figures(walks)
+    shown = [*soaking.lines(walks), f"table: {out / soaking.TABLE}"]
+    click.echo(json.dumps(figures, indent=2) if as_json else "\n".join(shown))
+    if figures["contacts"] or figures["falls"]:
+        click.get_current_context().exit(FAILED)
+
+
+@click.command()
 @click.argument("recordings", type=PATH, nargs=-1, required=True, metavar="RECORDING...")
 @description_option
 @ignore_poses_option
