@@ -221,7 +221,9 @@ def load_ply(
     usable = (np.abs(points) <= MOST_M).all(axis=1)
     if not usable.any():
         raise InputError(f"cloud {path} holds no points within {MOST_M:g} m of its origin")
-    if not all(name in found.dtype.names and found[name].dtype == np.uint8 for name in _RGB):
+    if not all(
+        name in (found.dtype.names or ()) and found[name].dtype == np.uint8 for name in _RGB
+    ):
         return points[usable], None
     return points[usable], np.stack([found[name][usable] for name in _RGB], axis=-1)
 

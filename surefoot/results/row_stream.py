@@ -14,10 +14,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mapping.io.atomic_write import PART
 from perception.primitives.errors import InputError
 
 from .formats import cell, plain_json, refuse
-from .run_folder import PART, RunFolder
+from .run_folder import RunFolder
 
 
 class RowStream:

@@ -14,6 +14,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from mapping.io.atomic_write import PART
 from perception.obstacles.tracker import ObstacleTracker
 from perception.primitives import safe_input
 from perception.primitives.errors import InputError
@@ -24,7 +25,7 @@ from ..config.schema import Config
 from ..results import object_file
 from ..results.camera_trajectory import CameraTrajectory
 from ..results.formats import refuse
-from ..results.run_folder import PART, RunFolder
+from ..results.run_folder import RunFolder
 from ..results.version import version
 from .pipeline import Pipeline
 from .run_recorder import RunRecorder
