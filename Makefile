@@ -1,11 +1,13 @@
 # Everything sets itself up: `make demo` or `make test` on a fresh machine is enough.
-.PHONY: help setup demo test test-layers test-lowest test-pythons installed fuzz mutants lint bench docs clean
+.PHONY: help setup demo test test-layers test-lowest test-pythons installed fuzz fuzz-guided kills mutants lint bench docs clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 INPUTS ?= 20000
 MUTANTS ?= 100
+SECONDS ?= 60
+KILLS ?= 60
 SEED ?= 0
 READY := .venv/.ready
 WARM := .venv/.warm
@@ -65,7 +67,14 @@ installed: $(READY)  ## a wheel in a fresh environment: read-only, without a hom
 	tests/installed.sh
 
 fuzz: $(WARM)  ## damaged files through every reader: make fuzz INPUTS=100000 SEED=1
-	$(BIN)/python tests/fuzz/campaign.py $(INPUTS) $(SEED)
+	$(BIN)/python -W ignore tests/fuzz/campaign.py $(INPUTS) $(SEED)
+
+fuzz-guided: $(WARM)  ## damaged files chosen by the code they reach, a minute a door: make fuzz-guided SECONDS=60
+	$(BIN)/python -c 'import atheris' 2>/dev/null || $(INSTALL) atheris
+	$(BIN)/python -W ignore tests/fuzz/guided.py $(SECONDS)
+
+kills: $(WARM)  ## runs killed at random moments must go on to the same files: make kills KILLS=60 SEED=1
+	$(BIN)/python -W ignore tests/kills/kills.py $(KILLS) $(SEED)
 
 mutants: $(WARM)  ## bugs planted in the numerical core, and how many the tests notice: make mutants MUTANTS=300 SEED=1
 	$(BIN)/python tests/mutants/run_mutants.py $(MUTANTS) $(SEED)

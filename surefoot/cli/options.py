@@ -2,17 +2,62 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
+import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
+
+from perception.primitives.errors import InputError
 
 if TYPE_CHECKING:
     from ..config.schema import Config
     from ..results.run_folder import RunFolder
 
-PATH = click.Path(path_type=Path)
+
+class Place(click.Path):
+    """A path that can exist."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path; InputError for a name that is empty, too long, a loop of links, or impossible."""
+        if not str(value):
+            raise InputError("an empty path was given; expected the name of a file or folder")
+        try:
+            with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+                os.stat(value)
+        except (OSError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) else str(error)
+            raise InputError(f"path {shortened(value)} cannot be used: {reason}") from error
+        return super().convert(value, param, ctx)
+
+
+class Number(click.FloatRange):
+    """A number of a range, which NaN, unlike in click, is in none of."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """The number; a usage error if it is none."""
+        found = float(super().convert(value, param, ctx))
+        if math.isnan(found):
+            self.fail(f"{value} is not a number", param, ctx)
+        return found
+
+
+def shortened(path: object) -> str:
+    """A path in quotes, its middle left out if it is long."""
+    words = repr(str(path))
+    return words if len(words) <= MOST_SHOWN else f"{words[:60]}...{words[-20:]}"
+
+
+MOST_SHOWN = 300  # letters of a path in a message
+PATH = Place()
 READER = "surefoot.reader"
 
 out_option = click.option("--out", type=PATH, help="Output folder; default runs/NAME-N.")
@@ -58,7 +103,7 @@ ignore_poses_option = click.option(
 smooth_option = click.option(
     "--smooth",
     "smooth_lag_s",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=Number(min=0.0, min_open=True),
     metavar="SECONDS",
     help="Smooth the poses of the walk by measurements up to this much later; inf: by all (smoothed.txt).",
 )

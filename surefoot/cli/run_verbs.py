@@ -15,6 +15,7 @@ from perception.primitives.errors import InputError
 
 from .options import (
     PATH,
+    Number,
     against_truth,
     config_option,
     description_option,
@@ -251,7 +252,7 @@ def process(
 @click.option(
     "--lag",
     "lag_s",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=Number(min=0.0, min_open=True),
     metavar="SECONDS",
     help="Later measurements that each pose may use; default all of the run.",
 )

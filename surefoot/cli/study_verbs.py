@@ -11,8 +11,10 @@ import click
 
 from perception.primitives.errors import InputError
 
-from .options import PATH, json_option
+from .options import PATH, Number, json_option
 from .terminal import FAILED, open_in_browser
+
+MOST_SIGMA = 1e3  # of a truth, m or deg; with more it is none
 
 
 @click.command()
@@ -48,7 +50,7 @@ from .terminal import FAILED, open_in_browser
 @click.option(
     "--truth-sigma",
     nargs=2,
-    type=click.FloatRange(min=0.0),
+    type=Number(min=0.0, max=MOST_SIGMA),
     default=(0.0, 0.0),
     metavar="M DEG",
     help="Standard deviations of the given truth: position in m, rotation in deg.",

@@ -16,7 +16,7 @@ import time
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
@@ -25,6 +25,9 @@ from perception.primitives.errors import InputError, OutputError, SurefootError
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit codes: done; the work failed; bad input; stopped by Ctrl-C."""
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+REFUSED = (*FULL, errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.ELOOP)
+"""Errors of the system that the user or the disk causes, not the program."""
 
 
 class Progress:
@@ -74,22 +77,32 @@ class Verbs(click.Group):
         except SurefootError as error:
             click.echo(f"surefoot: {error}", err=True)
             ctx.exit(exit_code(error))
+        except OSError as error:
+            if error.errno not in REFUSED or ctx.params.get("debug"):
+                self._unexpected(ctx, error)
+            place = "" if error.filename is None else f"{error.filename}: "
+            click.echo(f"surefoot: {place}{error.strerror}", err=True)
+            ctx.exit(FAILED if error.errno in FULL else BAD_INPUT)
         except Exception as error:
-            if ctx.params.get("debug"):
-                traceback.print_exc()
-            words = plugins.fault(error) or f"unexpected {type(error).__name__}: {error}"
-            click.echo(
-                f"surefoot: {words}; run again with --debug before the verb for the full traceback",
-                err=True,
-            )
-            ctx.exit(FAILED)
+            self._unexpected(ctx, error)
+
+    def _unexpected(self, ctx: click.Context, error: Exception) -> NoReturn:
+        """One line about an error that nobody expected, with the traceback if that was asked for."""
+        if ctx.params.get("debug"):
+            traceback.print_exc()
+        words = plugins.fault(error) or f"unexpected {type(error).__name__}: {error}"
+        click.echo(
+            f"surefoot: {words}; run again with --debug before the verb for the full traceback",
+            err=True,
+        )
+        ctx.exit(FAILED)
 
 
 def exit_code(error: SurefootError) -> int:
     """Bad input if the user can mend it by another argument, such as another --out; else failed."""
     if isinstance(error, OutputError):
         cause = error.__cause__
-        full = isinstance(cause, OSError) and cause.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+        full = isinstance(cause, OSError) and cause.errno in FULL
         return FAILED if full else BAD_INPUT
     return BAD_INPUT if isinstance(error, InputError) else FAILED
 

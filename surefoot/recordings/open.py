@@ -144,7 +144,14 @@ def _nothing_known(path: Path) -> RecordingError:
 
 
 def holds_recording(path: Path) -> bool:
-    """Whether the names in a file or folder look like a recording; no content is read."""
+    """Whether the names in a file or folder look like a recording; no content is read. No: it may not be looked into."""
+    try:
+        return _looks_like_one(path)
+    except OSError:
+        return False
+
+
+def _looks_like_one(path: Path) -> bool:
     if path.is_file():
         return path.suffix in (".mcap", ".pcd", ".bag", ".db3") or bool(robot_files(path))
     known = (

@@ -257,10 +257,16 @@ def _below(place: Path) -> Iterator[Path]:
     if holds_recording(place):
         yield place
         return
-    if place.is_dir():
-        for child in sorted(place.iterdir()):
-            if not child.name.startswith("."):
-                yield from _below(child)
+    try:
+        children = sorted(place.iterdir()) if place.is_dir() else []
+    except OSError:  # a folder that may not be looked into
+        return
+    for child in children:
+        hidden = child.name.startswith(".")
+        if not hidden and (
+            not child.is_symlink() or holds_recording(child)
+        ):  # links may go in circles
+            yield from _below(child)
 
 
 def _names(recordings: Sequence[Path]) -> list[str]:

@@ -18,6 +18,7 @@ time.perf_counter = lambda: 0.0  # before anybody keeps it
 import contextlib
 import os
 import random
+import shlex
 import shutil
 import signal
 import sys
@@ -190,10 +191,15 @@ def spans(verb: Verb, place: Path) -> tuple[float, float]:
     began = time.monotonic()
     child = started(verb.words, place)
     closing = None
-    while not os.waitpid(child, os.WNOHANG)[0]:
+    status = None
+    while status is None:
+        done, ended = os.waitpid(child, os.WNOHANG)
+        status = ended if done else None
         if closing is None and any(place.glob(verb.closing)):
             closing = time.monotonic()
         time.sleep(0.002)
+    said = (place / "said").read_text() if (place / "said").is_file() else "nothing"
+    assert status == 0, f"{shlex.join(verb.words)} ended with {status}: {said}"
     whole = time.monotonic() - began
     return whole, whole if closing is None else time.monotonic() - closing
 
@@ -212,7 +218,7 @@ def one_kill(verb: Verb, source: Path, whole: dict[str, object], closing: bool, 
         code, said = finished((*verb.words, *(verb.again if hit else ())), place) if hit else (0, "")  # fmt: skip
         if "unexpected" in said or "Traceback" in said or code < 0:
             return f"FAULT: {said.splitlines()[-1:]}"
-        if code == 2:
+        if code:
             return f"refused: {said.splitlines()[-1]}"
         found = contents(place / "out")
         found.pop("recording.previous.mcap", None)  # of the killed walk, kept for the user

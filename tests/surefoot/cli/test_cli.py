@@ -117,6 +117,61 @@ def test_an_impossible_number_is_refused_by_its_name(words):
     assert words[-2] in shown
 
 
+READS = (
+    "process", "map", "panorama", "monocular", "calibrate-noise", "smooth", "evaluate", "view", "replay", "film", "export",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("verb", READS)
+def test_a_path_that_cannot_be_used_is_refused_in_one_line(verb, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "a file").write_text("x")
+    os.mkfifo(tmp_path / "pipe")
+    for path in (
+        "",
+        "loop",
+        "a" * 5000,
+        "a\0b",
+        "empty",
+        "a file",
+        "pipe",
+        "/dev/zero",
+        "no/such",
+        "ünï",
+    ):
+        code, shown = call(verb, "--", path)
+        assert code == BAD_INPUT, (path, shown)
+        assert len(shown.strip().splitlines()) == 1, (path, shown)
+        assert shown.startswith("surefoot: ")
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("smooth", "--lag", "nan", "a"), ("process", "--smooth", "nan", "a"), ("smooth", "--lag", "-inf", "a"),
+     ("evaluate", "--truth-sigma", "nan", "0", "a"), ("evaluate", "--truth-sigma", "0", "inf", "a"),
+     ("map", "--voxel", "nan", "a"), ("simulate", "--difficulty", "nan"), ("simulate", "--wander", "nan")],
+)  # fmt: skip
+def test_what_is_no_number_is_refused(words):
+    code, shown = call(*words)
+    assert code == BAD_INPUT
+    assert "nan" in shown or "inf" in shown
+
+
+def test_what_the_system_refuses_is_one_line_and_no_fault_of_the_program(monkeypatch):
+    for number, code in ((errno.EACCES, BAD_INPUT), (errno.EROFS, BAD_INPUT), (errno.ENOSPC, FAILED)):  # fmt: skip
+
+        def refuse(number=number):
+            raise OSError(number, os.strerror(number), "/a/b")
+
+        monkeypatch.setattr("surefoot.cli.doctor.examine", refuse)
+        assert call("doctor") == (code, f"surefoot: /a/b: {os.strerror(number)}\n")
+    monkeypatch.setattr("surefoot.cli.doctor.examine", lambda: [][0])
+    assert "unexpected IndexError" in call("doctor")[1]
+
+
 def test_an_unknown_key_in_a_file_is_named_with_the_file(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text("[grid]\ncel_m = 0.1\n")
