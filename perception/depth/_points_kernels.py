@@ -7,7 +7,7 @@ import numpy as np
 from ..primitives.compiled import njit
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def gather(
     z: np.ndarray,
     sigma: np.ndarray,
@@ -44,7 +44,7 @@ def gather(
     return xyz, deviation, pixels
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def spread(z: np.ndarray, slope_x: np.ndarray, slope_y: np.ndarray, xyz: np.ndarray) -> None:
     """Fill (h, w, 3) float32 with the points of every pixel; NaN depth gives NaN."""
     height, width = z.shape

@@ -33,7 +33,7 @@ class Ground(NamedTuple):
     second: np.ndarray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def open_ground(
     xyz: np.ndarray,
     sigma: np.ndarray,
@@ -80,7 +80,7 @@ def open_ground(
             is_open[i] = occupied[int(v) * PLAN + int(u)] < 2
 
 
-@njit(cache=True, fastmath=FREE_SUMS)
+@njit(cache=True, nogil=True, fastmath=FREE_SUMS)
 def moments(
     xyz: np.ndarray,
     sigma: np.ndarray,
@@ -128,7 +128,7 @@ def moments(
     return count
 
 
-@njit(cache=True)  # long: one pass over the points for all sums
+@njit(cache=True, nogil=True)  # long: one pass over the points for all sums
 def statistics(
     xyz: np.ndarray,
     sigma: np.ndarray,
@@ -210,7 +210,7 @@ def statistics(
     return near, core, below, used
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def classes(
     xyz: np.ndarray,
     sigma: np.ndarray,
@@ -257,14 +257,14 @@ def classes(
             labels[i] = 0
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def sector(s: float, t: float) -> int:
     """Index of a direction on the ground; a diamond instead of a circle avoids the arc tangent."""
     p = s / (abs(s) + abs(t) + 1e-12)
     return int((1.0 - p if t >= 0.0 else 3.0 + p) * (SECTORS / 4)) % SECTORS
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def feet(
     xyz: np.ndarray, ground: Ground, tau: np.ndarray, foot_m: float, labels: np.ndarray
 ) -> None:

@@ -20,7 +20,7 @@ MISS = 1e-4  # ours: probability of overlooking a better plane at which the sear
 NEAREST_OF = 8  # ours: three triples of four take the nearest of this many random points
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def within(xyz: np.ndarray, n: np.ndarray, rho: float, half_m: float, slope: float) -> np.ndarray:
     """Indices of the points within half_m + slope * distance of a plane: those a plane in the gate can reach."""
     count = xyz.shape[0]
@@ -35,7 +35,7 @@ def within(xyz: np.ndarray, n: np.ndarray, rho: float, half_m: float, slope: flo
     return kept[:k]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def take(
     xyz: np.ndarray, sigma: np.ndarray, index: np.ndarray, sigmas: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -50,7 +50,7 @@ def take(
     return x, y, z, slack
 
 
-@njit(cache=True, fastmath=FREE_SUMS)
+@njit(cache=True, nogil=True, fastmath=FREE_SUMS)
 def score(
     sample: tuple[np.ndarray, ...],
     a: float,
@@ -86,7 +86,7 @@ def score(
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def solve(A: np.ndarray, g: np.ndarray) -> tuple[float, float, float, bool]:
     """Solution of a symmetric 3x3 system by its adjugate; false where it is singular."""
     c00 = A[1, 1] * A[2, 2] - A[1, 2] * A[1, 2]
@@ -106,7 +106,7 @@ def solve(A: np.ndarray, g: np.ndarray) -> tuple[float, float, float, bool]:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def fit(
     sample: tuple[np.ndarray, ...],
     n: np.ndarray,
@@ -145,7 +145,7 @@ def fit(
     return -a / norm, -b / norm, -c / norm, 1.0 / norm, True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def draw(state: np.uint64) -> tuple[np.uint64, float]:
     """Next state and a random number in [0, 1) (SplitMix64)."""
     state = state + np.uint64(0x9E3779B97F4A7C15)
@@ -156,7 +156,7 @@ def draw(state: np.uint64) -> tuple[np.uint64, float]:
     return state, float(s >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def triple(
     sample: tuple[np.ndarray, ...],
     state: np.uint64,
@@ -201,7 +201,7 @@ def triple(
     return state, a, b, c, rho, True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def msac(
     sample: tuple[np.ndarray, ...],
     gate: tuple[np.ndarray, float, float, float, float],
@@ -251,7 +251,7 @@ def msac(
     return best_a, best_b, best_c, best_rho, best
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def vote(
     sample: tuple[np.ndarray, ...],
     gate: tuple[np.ndarray, float, float, float, float],

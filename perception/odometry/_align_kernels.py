@@ -35,7 +35,7 @@ class Target(NamedTuple):
     intrinsics: np.ndarray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def equations(
     source: Source,
     target: Target,
@@ -70,7 +70,7 @@ def equations(
         multiply_out(rows, count, totals)
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, nogil=True, fastmath={"contract"})
 def project(
     z: np.ndarray,
     x: np.ndarray,
@@ -101,7 +101,7 @@ def project(
         u[n], v[n] = fx * px * inverse + cx, fy * py * inverse + cy
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def look_up(
     z: np.ndarray,
     sigma: np.ndarray,
@@ -203,7 +203,7 @@ def look_up(
     return count
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def multiply_out(rows: np.ndarray, count: int, totals: np.ndarray) -> None:
     """Add J'J and J'e of the equations; the order of summation is free but always the same."""
     k = 0
@@ -222,7 +222,7 @@ def multiply_out(rows: np.ndarray, count: int, totals: np.ndarray) -> None:
                 k += 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def step(totals: np.ndarray, T: np.ndarray) -> float:
     """Solve the six equations and move T; returns the length of the step in m and rad, -1 if undetermined."""
     H = np.empty((6, 6))
@@ -257,7 +257,7 @@ def step(totals: np.ndarray, T: np.ndarray) -> float:
     return np.sqrt(np.sum(g * g))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def move(T: np.ndarray, twist: np.ndarray) -> None:
     """T becomes exp(twist) T, to first order in translation and exactly in rotation."""
     wx, wy, wz = twist[3], twist[4], twist[5]
@@ -277,7 +277,7 @@ def move(T: np.ndarray, twist: np.ndarray) -> None:
         T[i, 3] += twist[i]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def refine(
     source: Source,
     target: Target,
@@ -300,7 +300,7 @@ def refine(
         gate = max(least_gate_m, 0.6 * gate)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def brighten(light: np.ndarray, totals: np.ndarray) -> None:
     """Estimate the exposure difference and the standard deviation of grey values from the residuals."""
     count = totals[PHOTOMETRIC_COUNT]
@@ -311,7 +311,7 @@ def brighten(light: np.ndarray, totals: np.ndarray) -> None:
     light[0] = min(max(deviation, 2.0), 40.0)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def bends(
     source: Source,
     target: Target,

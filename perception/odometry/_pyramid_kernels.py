@@ -11,7 +11,7 @@ EDGE_SLOPE = 0.015  # ... beyond this slope: share of depth per pixel, 75 deg at
 LEAST_NEIGHBOURS = 9  # ours: of 25; a plane through fewer pixels is mostly noise
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def downsample(
     z: np.ndarray, sigma: np.ndarray, grey: np.ndarray, factor: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -50,7 +50,7 @@ def downsample(
     return small, spread, picture
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def pack(
     z: np.ndarray,
     sigma: np.ndarray,
