@@ -25,7 +25,7 @@ from surefoot.config.schema import Config
 from surefoot.experiments.joint import localisation
 from surefoot.experiments.joint import localisation_trial as trials
 from surefoot.experiments.joint.localisation import combine
-from surefoot.experiments.joint.localisation_walk import WalkInstant, walk
+from surefoot.experiments.joint.localisation_walk import WalkInstant, scaled_noise, walk
 from surefoot.experiments.support.experiment import load, measure
 from surefoot.experiments.support.tag_sensor import TagNoise, TagSensor
 
@@ -90,17 +90,22 @@ def test_localisation_uses_the_requested_body(monkeypatch: pytest.MonkeyPatch) -
         requested.append((seed, body))
         return {"falls": float(seed)}
 
+    def noisy(seed: int, body: str, factor: float) -> dict[str, float]:
+        requested.append((seed, body))
+        return {"anees": factor}
+
     def run_serially(work: Any, todo: Any, say: Any, what: str) -> list[Any]:
         return list(itertools.starmap(work, todo))
 
     monkeypatch.setattr(localisation, "one_walk", fell)
+    monkeypatch.setattr(localisation, "noisy_walk", noisy)
     monkeypatch.setattr(localisation, "run_all", run_serially)
     monkeypatch.setattr(localisation, "combine", lambda found: {})
     monkeypatch.setattr(localisation, "_table", lambda found: [])
     _, outcome = measure(load("localisation"), lambda text: None, 2, "dynamic")
-    assert requested == [(0, "dynamic"), (1, "dynamic")]
-    assert outcome.figures == {"falls": 1.0}
-    assert outcome.table == ["seed 1 fell"]
+    assert requested == [(0, "dynamic"), (1, "dynamic"), (0, "dynamic"), (0, "dynamic")]
+    assert outcome.figures["falls"] == outcome.figures["anees"] == 1.0
+    assert outcome.table[0] == "seed 1 fell"
 
 
 def instant_at(stamp_s: float, turn_rad: float = 0.1) -> WalkInstant:
@@ -169,3 +174,28 @@ def test_a_trial_without_cameras_continues_by_odometry() -> None:
     assert len(trial.nees) == 5
     assert np.all(np.isfinite(trial.nees))
     assert not any(trial.in_view)
+
+
+def test_another_noise_is_a_factor_of_every_error_of_body_sensors_and_tags() -> None:
+    usual, tags = RobotConfig(), TagNoise()
+    robot, noisy = scaled_noise(usual, 1.5)
+    for made, before in (
+        (robot.slip.turn_sigma_deg, usual.slip.turn_sigma_deg),
+        (robot.sway.roll_deg, usual.sway.roll_deg),
+        (robot.imu.gyro_bias_radps, usual.imu.gyro_bias_radps),
+        (robot.head.offset_deg, usual.head.offset_deg),
+        (robot.tof_camera.noise_m, usual.tof_camera.noise_m),
+        (noisy.corner_px, tags.corner_px),
+    ):
+        assert made == pytest.approx(1.5 * before)
+    assert (robot.sway.standing_share, robot.head.speed_radps) == (
+        usual.sway.standing_share,
+        usual.head.speed_radps,
+    )
+
+
+def test_the_extremes_over_other_noise_are_those_of_the_means_over_walks() -> None:
+    found = [{"half": 0.5, "more": 1.0}, {"half": 0.7, "more": 1.8}]
+    figures = localisation.noise_figures(found)
+    assert figures["noise_anees_min"] == pytest.approx(0.6)
+    assert figures["noise_anees_max"] == pytest.approx(1.4)
