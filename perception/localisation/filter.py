@@ -97,6 +97,7 @@ class PoseFilter:
         self._positions = {mark.identity: np.array(mark.position[:2]) for mark in landmarks}
         self._gate = chi_square_quantile(GATE_PROBABILITY, 2)
         self._frames_rejected = 0
+        self._walks = False  # whether it made a step since the last frame
         self._steps_factor = NoiseFactor(STEPS_LEAST_NIS)
         self._sightings_factor = NoiseFactor(SIGHTINGS_LEAST_NIS)
         self._blind_s: float | None = None  # time without odometry; None while there is some
@@ -165,6 +166,7 @@ class PoseFilter:
         dt = max(dt, 0.0) if math.isfinite(dt) else 0.0
         motion = odometry.motion if odometry else Pose2()
         steps = abs(odometry.steps) if odometry else 0.0
+        self._walks = steps > 0.0
         yaw = float(self._ukf.state.mean[YAW])
         config = self.noise
         noise = process_noise(config, yaw, steps, dt, self.blind_s if odometry is None else None)
@@ -174,7 +176,7 @@ class PoseFilter:
         self._ukf.predict(motion, steps, noise)
         if imu is not None and dt > 0.0 and _finite(imu.angular_velocity, 0.0):
             turn = float(imu.angular_velocity[2]) * dt
-            self._turn(turn, config.gyro_sigma_radps * dt, dt, steps > 0.0)
+            self._turn(turn, config.gyro_sigma_radps * dt, dt, self._walks)
 
     def _turn(self, turn_rad: float, sigma_rad: float, dt: float, stepped: bool) -> None:
         """Update with the turn by the gyro; while it contradicts the steps, doubt the heading instead."""
@@ -210,7 +212,7 @@ class PoseFilter:
                 accepted.append((sighting, position))
         if accepted:
             self._update(accepted)
-            for one in innovations:
+            for one in innovations if self._walks else ():  # standing, it errs the same way again
                 if one.nis <= self._gate and self._surprise.agrees:
                     self._sightings_factor.learn(one.nis / 2.0)
         if 2 * len(accepted) > len(innovations):

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 LEARN_SHARE = 0.04  # ours: weight of one innovation; some tens decide
 LARGEST_NIS = 10.0  # ours: an outlier says no more than this
-LEAST, MOST = 0.3, 3.0  # ours: bounds of the factor
+LEAST, MOST = 0.5, 3.0  # ours: bounds of the factor; too large a noise is safer than too small
 
 
 class NoiseFactor:
