@@ -4,10 +4,11 @@
     python tests/mutants/run_mutants.py --again TABLE             # those that survived in a table
 
 All happens in a copy of the tree, build/mutants/tree. The tests that can notice a bug (`nearby.tests_of`) run with it,
-the nearest first, until one fails; that one must pass without the bug. A file of tests that takes more than a minute of
-processor time notices the bug, if it takes less without; after a minute no further file begins. The nearest tests of a kernel first run
-it without compilation, which takes less time than compiling; then what a bug can reach is compiled anew, and all other
-kernels come from the cache. The bugs, their fate, and the test that noticed them are in build/mutants/seed-SEED.csv.
+the nearest first, until one fails; that one must pass without the bug. A file of tests may take a minute of processor
+time: one that takes longer with the bug only has noticed it. After a minute no further file begins, and the bug
+has survived. The nearest tests of a kernel first run it without compilation, which takes less time than compiling; then
+what the bug can reach is compiled anew, and all other kernels come from the cache. The bugs, their fate, and the
+test that noticed them are in build/mutants/seed-SEED.csv.
 
 A bug that changes no result is no bug: `equivalent.toml` lists those, with the reason, and they are not counted.
 
@@ -52,10 +53,8 @@ CORE = (
 )  # fmt: skip
 ELSEWHERE = ("build", "runs", "dist", "__pycache__", "*.egg-info", ".*")
 MOST_S = 60  # processor time of a test file, and after which no further one begins
-INTERPRETED, INTERPRETED_S = (
-    2,
-    15,
-)  # so many files of tests run without compilation first, each so long at most
+INTERPRETED = 2  # so many files of tests run without compilation first
+INTERPRETED_S = 15  # processor time of each of these
 MOST_BYTES = 12 << 30  # address space of a test run
 COLUMNS = ("verdict", "file", *Change._fields, "seconds", "test")
 Bug = tuple[str, Change]
