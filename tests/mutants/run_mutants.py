@@ -12,7 +12,7 @@ test that noticed them are in build/mutants/seed-SEED.csv.
 
 A bug that changes no result is no bug: `equivalent.toml` lists those, with the reason, and they are not counted.
 
-The core is what computes: planners and file formats are judged by simulation and by `make fuzz`.
+The core is perception, mapping and planning without planners and file formats, which simulation and `make fuzz` judge.
 
 Source: DeMillo, Lipton, Sayward 1978; Wilson 1927 (interval of a share).
 """
@@ -45,12 +45,7 @@ from perception.primitives.compiled import _state as kernel_state
 ROOT = Path(__file__).resolve().parents[2]
 PLACE = ROOT / "build" / "mutants"
 PACKAGES = ("perception", "mapping", "planning")
-CORE = (
-    "perception/primitives", "perception/filtering", "perception/depth", "perception/floor", "perception/obstacles",
-    "perception/features", "perception/planar", "perception/localisation", "perception/smoothing", "perception/odometry",
-    "perception/monocular", "mapping/grid", "mapping/panorama", "mapping/surface", "mapping/objects", "planning/safety",
-    "planning/search", "planning/gaze", "planning/univector", "planning/swarm", "planning/avoidance",
-)  # fmt: skip
+BESIDE = ("mapping/io/", "planning/planners/")  # no numerical core
 ELSEWHERE = ("build", "runs", "dist", "__pycache__", "*.egg-info", ".*")
 MOST_S = 60  # processor time of a test file, and after which no further one begins
 INTERPRETED = 2  # so many files of tests run without compilation first
@@ -228,6 +223,10 @@ def all_bugs(paths: Iterable[str]) -> list[Bug]:
     return [(name, change) for name in names for change in changes((ROOT / name).read_text())]
 
 
+def _core() -> list[Bug]:
+    return [bug for bug in all_bugs(PACKAGES) if not bug[0].startswith(BESIDE)]
+
+
 def survivors(table: Path) -> list[Bug]:
     """The bugs of a table that survived and whose code is still there."""
     with table.open(newline="") as file:
@@ -246,7 +245,9 @@ def summary(tried: Sequence[Tried]) -> str:
     verdicts = [one.verdict for one in tried]
     killed, survived = verdicts.count("killed"), verdicts.count("survived")
     count = killed + survived
-    rate, z = killed / max(count, 1), 1.96
+    if not count:
+        return "no bug was tried"
+    rate, z = killed / count, 1.96
     middle, half = (
         rate + z * z / (2 * count),
         z * math.sqrt(rate * (1 - rate) / count + (z / (2 * count)) ** 2),
@@ -264,7 +265,7 @@ def main(arguments: Sequence[str]) -> int:
         bugs, table = survivors(Path(arguments[1])), PLACE / "again.csv"
     else:
         count, seed, paths = int(arguments[0]), int(arguments[1]), arguments[2:]
-        known = all_bugs(paths or CORE)
+        known = all_bugs(paths) if paths else _core()
         bugs = random.Random(seed).sample(known, min(count, len(known)))
         table = PLACE / f"seed-{seed}.csv"
     equivalent = tomllib.loads((Path(__file__).parent / "equivalent.toml").read_text())["bug"]

@@ -145,3 +145,4 @@ def test_the_summary_has_the_interval_of_wilson():
     assert summary(tried) == (
         "8 of 10 bugs noticed, 80 % (95 %: 49 to 94); 3 more change no result"
     )
+    assert summary([]) == "no bug was tried"
