@@ -12,6 +12,7 @@ Source: Burri et al., IJRR 2016 (file formats).
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,7 @@ from .stereo_pairs import StereoRecording
 FIRST_S = 0.05  # ours: the first frame uses the samples within this time around it
 MAX_MEAN_S = 1.0  # ours: longest interval before a frame whose samples are averaged
 _NS = 1e-9
+_STAMP = re.compile(r"[0-9]{1,19}")  # ns; 64 bits hold them
 
 
 def is_euroc(path: Path) -> bool:
@@ -193,7 +195,7 @@ def _pictures(path: Path, camera: str) -> list[Path]:
 def _pairs(path: Path) -> list[tuple[int, Path, Path]]:
     """Stamp, ns, and both images of every stamp that both cameras have; other names are ignored."""
     left, right = (
-        {int(p.stem): p for p in _pictures(path, name) if safe_input.whole(p.stem) is not None}
+        {int(p.stem): p for p in _pictures(path, name) if _STAMP.fullmatch(p.stem)}
         for name in _CAMERAS
     )
     return [(stamp, left[stamp], right[stamp]) for stamp in sorted(left) if stamp in right]

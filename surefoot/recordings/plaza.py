@@ -61,9 +61,7 @@ def read_plaza(path: Path) -> RangeLog:
     return RangeLog(odometry, ranges[:, 0], index, ranges[:, 3], beacons[:, 1:3], truth)
 
 
-def _table(
-    path: Path, found: dict[str, Float[np.ndarray, "n k"]], name: str
-) -> Float[np.ndarray, "n k"]:
+def _table(path: Path, found: dict[str, np.ndarray], name: str) -> Float[np.ndarray, "n k"]:
     """A table of a file; an absent table GT is empty."""
     columns = _COLUMNS[name]
     table = found.get(name, np.empty((0, columns if name == "GT" else 0)))

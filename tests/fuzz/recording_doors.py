@@ -28,6 +28,7 @@ CAMERA = "[camera]\nwidth = 16\nheight = 12\nfx = 14.0\nfy = 14.0\ncx = 7.5\ncy 
 PLAIN = (
     f'name = "mine"\nrate_hz = 10.0\n{CAMERA}[depth]\nscale_per_metre = 1000\nnone = [0, 65535]\n'
 )
+EPOCH_NS = 1_403_715_273_262_142_976
 POSES = "".join(f"{10 + k / 2:.4f} {k / 9} 2.0 3.0 0.0 0.0 0.6 0.8\n" for k in range(6))
 
 
@@ -109,7 +110,7 @@ def euroc(folder: Path) -> None:
     grey = (np.arange(WIDTH * HEIGHT) % 251).reshape(HEIGHT, WIDTH).astype(np.uint8)
     for name, across in (("cam0", 0.0), ("cam1", 0.1)):
         for k in range(2):
-            picture(folder / f"{name}/data/{1_000_000_000 + 50_000_000 * k}.png", grey)
+            picture(folder / f"{name}/data/{EPOCH_NS + 50_000_000 * k}.png", grey)
         (folder / name / "sensor.yaml").write_text(
             "sensor_type: camera\nT_BS:\n  cols: 4\n  rows: 4\n"
             f"  data: [1.0, 0, 0, {across}, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n"
@@ -117,10 +118,12 @@ def euroc(folder: Path) -> None:
             "distortion_model: radial-tangential\ndistortion_coefficients: [0.01, -0.01, 0.0, 0.0]\n"
         )
     (folder / "imu0").mkdir()
-    rows = "".join(f"{990_000_000 + 5_000_000 * k},0.1,0.0,0.0,9.8,0.0,0.1\n" for k in range(20))
+    rows = "".join(
+        f"{EPOCH_NS - 10_000_000 + 5_000_000 * k},0.1,0.0,0.0,9.8,0.0,0.1\n" for k in range(20)
+    )
     (folder / "imu0/data.csv").write_text("#timestamp,wx,wy,wz,ax,ay,az\n" + rows)
     (folder / "state_groundtruth_estimate0").mkdir()
-    rows = "".join(f"{1_000_000_000 + 50_000_000 * k},0.1,0,1,1,0,0,0\n" for k in range(2))
+    rows = "".join(f"{EPOCH_NS + 50_000_000 * k},0.1,0,1,1,0,0,0\n" for k in range(2))
     (folder / "state_groundtruth_estimate0/data.csv").write_text("#t,x,y,z,w,x,y,z\n" + rows)
 
 
