@@ -506,7 +506,7 @@ def test_a_map_is_compared_with_its_own_truth_after_alignment(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "figure", "words"),
     [
-        ("panorama", {"views": [{"placed": True}, {"placed": False}], "obstacles": [{}]}, "views_placed", "no ground truth"),
+        ("panorama", {"views": [{"placed": True, "frame": 0}, {"placed": False, "frame": 9}], "obstacles": [], "gaps": []}, "views_placed", "no ground truth"),
         ("monocular", {"frames": 9, "judged": 4, "iou": 0.9, "iou_min": 0.5}, "floor_iou_median", "depth camera judges"),
         ("monocular", {"frames": 9, "judged": 0}, "frames", "no depth image"),
     ],

@@ -462,8 +462,10 @@ def test_the_report_of_a_panorama_lists_its_obstacles(tmp_path):
         "distance_m": 1.234,
         "width_m": 0.4,
         "height_m": None,
+        "left_edge_m": [1.2, 0.5],
+        "right_edge_m": [1.2, 0.1],
     }
-    made.write_json("panorama.json", {"views": [{"placed": True}], "gaps": [],
+    made.write_json("panorama.json", {"views": [{"placed": True, "frame": 0}], "gaps": [],
                                       "obstacles": [{**edges, "sigma_distance_m": 0.05}]})  # fmt: skip
     made.write_bytes("panorama_obstacles.png", cv2.imencode(".png", np.zeros((9, 9)))[1].tobytes())
     text = write_report(RunFolder.open(made.root)).read_text()

@@ -223,7 +223,8 @@ def test_a_killed_run_is_opened_with_the_complete_rows_of_its_tables(tmp_path):
     tracks = JsonStream(run, "obstacles.json")
     for i in range(3):
         poses.append(estimate_row(float(i), Gaussian(np.array([1.0 * i, 2.0, 0.5]), np.eye(3))))
-        tracks.append({"stamp": float(i), "track": 1})
+        state = {"mean": [0.0] * 4, "covariance": np.eye(4)}
+        tracks.append({"stamp": float(i), "track": 1, **state})
     del poses, tracks  # as a kill would: closed by the system, not by us
     part = tmp_path / ".part-trajectory_covariance.csv"
     part.write_bytes(part.read_bytes()[:-7])

@@ -10,8 +10,9 @@ from surefoot.experiments.real import honesty_tracks
 from surefoot.experiments.real.replica_room import ReplicaRoom
 
 
-def row(track: int, stamp: float, seen: float, moving: float) -> dict[str, float]:
-    return {"track": track, "stamp": stamp, "seen": seen, "moving": moving}
+def row(track: int, stamp: float, seen: float, moving: float) -> dict[str, object]:
+    state = {"mean": [0.0] * 4, "covariance": [[0.0] * 4] * 4}
+    return {"track": track, "stamp": stamp, "seen": seen, "moving": moving, **state}
 
 
 def test_a_track_counts_by_its_end_and_by_its_last_detection():
