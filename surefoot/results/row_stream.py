@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from mapping.io.atomic_write import PART
-from mapping.io.atomic_write import PART
 from perception.primitives.errors import InputError
 
 from .formats import cell, plain_json, refuse

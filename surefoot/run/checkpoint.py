@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mapping.io.atomic_write import PART
-from mapping.io.atomic_write import PART
 from perception.obstacles.tracker import ObstacleTracker
 from perception.primitives import safe_input
 from perception.primitives.errors import InputError
