@@ -77,7 +77,7 @@ def test_a_killed_worker_and_a_broken_recording_cost_nothing_else_and_a_restart_
 ):
     running = subprocess.Popen(command(many), stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120.0
-    while not list(many.glob("out/.part-*")) and time.monotonic() < deadline:
+    while not list(many.glob("out/.part-walk*")) and time.monotonic() < deadline:
         time.sleep(0.02)
     victims = workers_of(running.pid)
     assert victims
