@@ -50,9 +50,8 @@ DOUBT_BEGINS = np.array([0.06, 0.06, math.radians(2.0), math.radians(5.0)])
 """Ours: deviation added to position, heading and pan offset when landmarks begin to disagree, m and rad."""
 DOUBT_GOES_ON = np.array([0.04, 0.04, math.radians(1.0), math.radians(2.0)])
 """Ours: likewise while they disagree, or gyro and steps, per square root of a second."""
-# ours: of position and heading of a robot that is lost, and found again
-LOST_SIGMA_M, FOUND_SIGMA_M = 0.30, 0.15
-LOST_SIGMA_RAD, FOUND_SIGMA_RAD = math.radians(20.0), math.radians(10.0)
+LOST_SIGMA_M, FOUND_SIGMA_M = 0.30, 0.15  # ours: of the position of a lost robot, and found again
+LOST_SIGMA_RAD, FOUND_SIGMA_RAD = math.radians(20.0), math.radians(10.0)  # ours: of its heading
 LOST_FRAMES = 3  # ours: mostly rejected frames in a row of a robot that is lost
 
 

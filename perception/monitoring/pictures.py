@@ -1,7 +1,7 @@
 """Pictures that show nothing, or nothing new.
 
-A sensor's noise makes every picture differ from the one before. One that is equal in every pixel is the same
-measurement again, and is not used twice. Of a picture that is blind on one side, the other side is used, as the
+A sensor's noise makes every picture differ from the one before. Where that is so, one that is equal in every pixel is the
+same measurement again, and is not used twice; a camera without noise, as of a simulator, may see the same again. Of a picture that is blind on one side, the other side is used, as the
 picture of a camera with a smaller field of view, so that nobody takes what it cannot see for free.
 """
 
@@ -23,16 +23,23 @@ CAMERAS = {"tof": "range_m", "depth": "depth", "stereo": "left", "colour": "rgb"
 ROWS = 8  # ours: one row of so many is looked at
 DARK = 12  # ours: grey levels up to which a pixel shows nothing
 REPEATS = 2  # ours: equal pictures in a row that make a doubt
+NOISY = 5  # ours: pictures in a row that differ show that the camera has noise
 BLIND_SHARE = 0.25  # ours: of the columns, on one side, without any content
 UNSEEN_S = 1.5  # ours: without any picture that shows something; two steps
 
 
 @dataclass
 class _Camera:
-    """What is remembered of a camera: its last picture as a checksum, and how often it came."""
+    """What is remembered of a camera: its last picture as a checksum, and how many in a row were equal or differed."""
 
     checksum: int = 0
     repeats: int = 0
+    differed: int = 0
+
+    @property
+    def has_noise(self) -> bool:
+        """Whether no two of its pictures should be equal."""
+        return self.differed >= NOISY
 
 
 class PictureWatch:
@@ -70,8 +77,13 @@ class PictureWatch:
             return None, "empty"
         camera = self._cameras.setdefault(name, _Camera())
         checksum = zlib.crc32(rows.tobytes())
-        camera.repeats = camera.repeats + 1 if checksum == camera.checksum else 0
+        equal = checksum == camera.checksum
         camera.checksum = checksum
+        if not equal or camera.has_noise:
+            camera.repeats = camera.repeats + 1 if equal else 0
+            camera.differed += not equal
+        else:
+            camera.differed = 0
         if camera.repeats:
             return None, "frozen" if camera.repeats >= REPEATS else ""
         first, last = _sides(content)

@@ -322,7 +322,7 @@ def test_another_site_cannot_command_the_walk(page):
     assert ask(page, "/walk", {}, **{"Content-Length": "\u00b2"})[0] == 400
     assert ask(page, "/moments?from=-1")[0] == 400
     assert ask(page, "/moments?from=%C2%B2")[0] == 400
-    assert ask(page, "//[")[0] == 400
+    assert ask(page, "//[")[0] in (400, 404)  # newer servers of Python take it for the path /[
     assert ask(page, "/estimates.mcap")[0] == 404
     assert not news(page, 0)[0]["paused"]
 

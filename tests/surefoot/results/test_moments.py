@@ -63,6 +63,7 @@ def full_moment(rng, stamp_s):
             np.linspace(0.0, 1.0, 3),
         ),
         "walk",
+        ("tof frozen",),
         0.07,
         {"tof": FloorSeen(np.array([0.0, -0.9, -0.4]), 0.39, np.eye(3) * 1e-6, 0.7)},
         Layers(np.array([-1.2, 3.4]), 0.05, probability, probability[::-1].copy(), height),
