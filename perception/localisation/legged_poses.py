@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from ..floor.levelling import level
 from ..floor.prior import handheld_prior, kinematic_prior
-from ..monitoring.clock import UsualIntervals
+from ..monitoring.clock import UsualIntervals, ends
 from ..primitives.frame import Frame, Imu, StepOdometry
 from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Sighting
@@ -57,7 +57,7 @@ class LeggedLocaliser:
         """Predict by odometry and gyro, update with landmarks."""
         elapsed = 0.0 if self._stamp_s is None else frame.stamp_s - self._stamp_s
         if self._stamp_s is not None:
-            missing = self._intervals.missing(frame.footstep_due, elapsed)
+            missing = self._intervals.missing(ends(frame), elapsed)
             if missing > 0.0:  # odometry and gyro are of the time since a frame that was lost
                 self._predict(None, None, missing)
                 elapsed -= missing

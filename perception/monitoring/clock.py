@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections import deque
 
+from ..primitives.frame import Frame
+
 RECENT = 9  # ours: intervals of which the median is usual
 LONG = 1.3  # ours: a step has two frames 0.2 and 0.45 s apart; without one of them they are 0.65 s apart
 JITTER_S = 0.02  # ours: of stamps
@@ -16,26 +18,35 @@ LEAST_S = 0.001  # ours: of a usual interval
 FIRST_S = 0.1  # ours: interval before one is known
 
 
+Ends = tuple[bool, bool]
+"""What ends an interval: a frame at which a footstep is due or not, after walking or standing."""
+
+
+def ends(frame: Frame) -> Ends:
+    """What this frame ends; without odometry it stands."""
+    return frame.footstep_due, frame.odometry is not None and frame.odometry.steps != 0.0
+
+
 class UsualIntervals:
-    """How far apart frames usually are: those at which a footstep is due, and the others."""
+    """How far apart frames usually are, by what ends the interval."""
 
     def __init__(self) -> None:
-        self._recent: dict[bool, deque[float]] = {}
+        self._recent: dict[Ends, deque[float]] = {}
 
-    def usual(self, footstep_due: bool) -> float | None:
+    def usual(self, by: Ends) -> float | None:
         """The median of the latest intervals, s; None before the first."""
-        recent = self._recent.get(footstep_due)
+        recent = self._recent.get(by)
         return sorted(recent)[len(recent) // 2] if recent else None
 
-    def missing(self, footstep_due: bool, elapsed_s: float) -> float:
+    def missing(self, by: Ends, elapsed_s: float) -> float:
         """Time without measurements in an interval, s; 0 for a usual one.
 
         Args:
-            footstep_due: Of the frame that ends it.
+            by: What ends it.
             elapsed_s: Its length.
         """
-        usual_s = self.usual(footstep_due)
-        self._recent.setdefault(footstep_due, deque(maxlen=RECENT)).append(elapsed_s)
+        usual_s = self.usual(by)
+        self._recent.setdefault(by, deque(maxlen=RECENT)).append(elapsed_s)
         if usual_s is None or elapsed_s <= LONG * usual_s + JITTER_S:
             return 0.0
         return elapsed_s - usual_s
@@ -53,21 +64,21 @@ class RunClock:
         self.missing_s = 0.0
         """Time without measurements before the latest frame."""
 
-    def read(self, stamp_s: float, footstep_due: bool) -> float:
+    def read(self, stamp_s: float, by: Ends) -> float:
         """The time of a frame, s: its stamp, as long as no stamp goes back.
 
         Args:
             stamp_s: Its stamp.
-            footstep_due: Of the frame.
+            by: What the frame ends.
         """
         now_s, last_s = stamp_s + self._offset_s, self._last_s
         self.set_back = last_s is not None and now_s <= last_s
         if last_s is not None and self.set_back:
-            usual_s = self._intervals.usual(footstep_due) or FIRST_S
+            usual_s = self._intervals.usual(by) or FIRST_S
             now_s = last_s + max(usual_s, LEAST_S)
             self._offset_s = now_s - stamp_s
         self.missing_s = 0.0
         if last_s is not None:
-            self.missing_s = self._intervals.missing(footstep_due, now_s - last_s)
+            self.missing_s = self._intervals.missing(by, now_s - last_s)
         self._last_s = now_s
         return now_s

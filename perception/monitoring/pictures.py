@@ -1,8 +1,9 @@
 """Pictures that show nothing, or nothing new.
 
-A sensor's noise makes every picture differ from the one before. Where that is so, one that is equal in every pixel is the
-same measurement again, and is not used twice; a camera without noise, as of a simulator, may see the same again. Of a picture that is blind on one side, the other side is used, as the
-picture of a camera with a smaller field of view, so that nobody takes what it cannot see for free.
+A sensor's noise makes every picture differ from the one before. Where that is so, one that is equal in every pixel is
+the same measurement again, and is not used twice; a camera without noise, as of a simulator, may see the same again. Of
+a picture that is blind on one side, the other side is used, as the picture of a camera with a smaller field of view, so
+that nobody takes what it cannot see for free.
 """
 
 from __future__ import annotations

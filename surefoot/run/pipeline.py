@@ -40,7 +40,7 @@ from perception.localisation.pose_source import PoseSource
 from perception.localisation.registration import RegistrationReport
 from perception.localisation.static_points import static_points
 from perception.monitoring.agreement import Bias, Surprise
-from perception.monitoring.clock import RunClock
+from perception.monitoring.clock import RunClock, ends
 from perception.monitoring.pictures import PictureWatch
 from perception.monitoring.status import SLOW, Doubt, StatusBoard
 from perception.monocular.colour_floor import ColourFloor, ColourFloorFinder, seen_by_any
@@ -158,7 +158,7 @@ class Pipeline:
 
     def _watched(self, frame: Frame) -> tuple[Frame, list[Doubt]]:
         """The frame by the clock of the run, with the pictures that can be used, and what is wrong with it."""
-        stamp_s = self._clock.read(frame.stamp_s, frame.footstep_due)
+        stamp_s = self._clock.read(frame.stamp_s, ends(frame))
         frame, doubts = self._pictures.check(replace(frame, stamp_s=stamp_s))
         if self._clock.set_back:
             doubts.append(Doubt("clock set back"))

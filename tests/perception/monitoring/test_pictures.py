@@ -34,6 +34,8 @@ def test_noisy_pictures_pass_as_they_are():
 
 def test_a_repeated_picture_is_used_once_and_the_second_repeat_is_said():
     watch, rng = PictureWatch(), np.random.default_rng(1)
+    for number in range(5):
+        watch.check(Frame(0.3 * number - 1.5, tof=seen(rng)))
     frozen = seen(rng)
     said = []
     for number in range(4):
@@ -44,6 +46,15 @@ def test_a_repeated_picture_is_used_once_and_the_second_repeat_is_said():
     after, doubts = watch.check(Frame(1.2, tof=seen(rng)))
     assert after.tof is not None
     assert doubts == []
+
+
+def test_a_camera_without_noise_may_see_the_same_floor_again():
+    watch = PictureWatch()
+    floor = seen(np.random.default_rng(1))
+    for number in range(20):
+        after, doubts = watch.check(Frame(0.3 * number, tof=floor))
+        assert after.tof is floor
+        assert doubts == []
 
 
 def test_without_anything_to_see_the_robot_is_asked_to_stand():

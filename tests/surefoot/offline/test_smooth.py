@@ -56,7 +56,9 @@ def frames(rng: np.random.Generator) -> tuple[list[tuple[Frame, list[Sighting]]]
 
 def written(path: Path, told: list[tuple[Frame, list[Sighting]]]) -> RunFolder:
     folder = RunFolder.create(path)
-    folder.write_csv(ODOMETRY, ODOMETRY_HEADER, [odometry_row(frame.stamp_s, frame) for frame, _ in told])
+    folder.write_csv(
+        ODOMETRY, ODOMETRY_HEADER, [odometry_row(frame.stamp_s, frame) for frame, _ in told]
+    )
     rows = [row for frame, seen in told for row in sighting_rows(frame.stamp_s, seen)]
     folder.write_csv(SIGHTINGS, SIGHTINGS_HEADER, rows)
     folder.write_json(
