@@ -297,7 +297,7 @@ class PoseFilter:
             log.info("%d frames mostly rejected: covariance inflated", self._frames_rejected)
             P[[X, Y], [X, Y]] += RECOVERY_SIGMA_M**2
             P[YAW, YAW] += RECOVERY_SIGMA_RAD**2
-        self._ukf.reset(Gaussian(mean, P))
+        self.set_state(Gaussian(mean, P))
 
 
 def _finite(array: np.ndarray, number: float) -> bool:

@@ -102,6 +102,12 @@ class LocaliserConfig:
         "runs the filter: compiled, or filterpy (the same estimates, slower, for reference)",
         "ours; Labbe, filterpy",
     )
+    lag_s: float = setting(
+        0.0,
+        "s",
+        "during a walk with landmarks, GTSAM smooths the last so many seconds for the pose; 0: the filter alone",
+        "ours; Kaess et al. 2012",
+    )
 
     def __post_init__(self) -> None:
         for name in (
@@ -125,6 +131,10 @@ class LocaliserConfig:
         if self.engine not in ENGINES:
             raise ConfigError(
                 f"localiser: engine={self.engine!r} is unknown; choose one of {ENGINES}"
+            )
+        if not (self.lag_s == 0.0 or 1.0 <= self.lag_s < math.inf):
+            raise ConfigError(
+                f"localiser: lag_s={self.lag_s} must be 0 (no smoothing) or at least 1 s, some frames"
             )
         if self.rejected_frames < 1:
             raise ConfigError(

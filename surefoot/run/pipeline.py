@@ -54,6 +54,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.landmark import Sighting
 from perception.primitives.pose import Pose2
 from perception.primitives.stopwatch import Stopwatch
+from perception.smoothing.lagged_filter import LaggedFilter
 from planning.world_model import WorldModel
 
 from ..config.schema import Config
@@ -392,7 +393,8 @@ def make_pose_source(config: Config, info: RecordingInfo, sources: DepthSources)
         else info.start_covariance
     )
     start = Gaussian(info.start.vector, covariance)
-    localiser = PoseFilter(start, info.landmarks, config.localiser)
+    kind = LaggedFilter if config.localiser.lag_s > 0.0 else PoseFilter
+    localiser = kind(start, info.landmarks, config.localiser)
     wanted = config.registration.enabled and (
         not info.landmarks or config.registration.beside_landmarks
     )

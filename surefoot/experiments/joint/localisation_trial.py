@@ -24,6 +24,7 @@ from perception.primitives.landmark import Landmark, Sighting
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, wrap_angle
 from perception.smoothing.fixed_lag import smooth_fixed_lag
+from perception.smoothing.lagged_filter import LaggedFilter
 from perception.smoothing.walk_factors import Instant, walk_factors, walk_systematics
 from sim.truth import ObstacleTruth
 
@@ -36,6 +37,9 @@ ORIGIN_COVARIANCE = np.diag(np.square([0.001, 0.001, math.radians(0.05)]))
 
 MATCH_M = 0.2
 """A track within this distance of a visible moving obstacle is assigned to it."""
+
+LAG_S = 10.0
+"""Of the smoother whose newest pose is compared with the filter's; as `SmootherConfig` has it."""
 
 RECENT_S = 3.0
 """Obstacles visible within this time should have a track."""
@@ -125,6 +129,14 @@ def make_trial(
     )
     trial = Trial(localiser, landmarks, registration)
     return trial if fault is None else replace(trial, fault=fault)
+
+
+def smoothed_live(trial: Trial, marks: tuple[Landmark, ...], config: Config) -> Trial:
+    """A trial from the same start whose pose is the newest one of a fixed-lag smoother; landmarks alone."""
+    lagging = replace(config.localiser, lag_s=LAG_S)
+    smoother = LaggedFilter(trial.start, marks, lagging)
+    alone = replace(config.registration, enabled=False)
+    return Trial(LeggedLocaliser(smoother, config.prior, alone), registration=False)
 
 
 def fixed_lag_errors(

@@ -140,10 +140,11 @@ def test_a_run_that_was_killed_while_closing_resumes_too(short, tmp_path, monkey
 
 
 @pytest.mark.usefixtures("without_report")
-def test_the_filters_of_filterpy_resume_too(short, tmp_path, monkeypatch):
+@pytest.mark.parametrize("setting", [{"engine": "filterpy"}, {"lag_s": 5.0}])
+def test_filters_by_filterpy_and_gtsam_resume_too(short, tmp_path, monkeypatch, setting):
     config = dataclasses.replace(
         Config(),
-        localiser=dataclasses.replace(Config().localiser, engine="filterpy"),
+        localiser=dataclasses.replace(Config().localiser, **setting),
         tracker=dataclasses.replace(Config().tracker, motion_model="filterpy", hits_to_show=1),
     )
     process.process(short, None, config, tmp_path / "whole", quiet)

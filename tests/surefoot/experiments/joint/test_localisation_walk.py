@@ -151,7 +151,7 @@ def test_delayed_odometry_lags_by_the_delay_without_loss() -> None:
 def test_figures_over_walks_are_root_mean_squares_and_means() -> None:
     names = [
         "anees_pose", "anees_no_landmarks", "anees_obstacle", "position_rmse_m",
-        "filter_rmse_m", "fixed_lag_rmse_m",
+        "filter_rmse_m", "fixed_lag_rmse_m", "live_lag_rmse_m", "anees_live_lag",
         *(f"{f}_{end}" for f in ("outliers", "blackout", "jump", "clock") for end in ("anees", "end_m")),
     ]  # fmt: skip
     found = [dict.fromkeys(names, 1.0), dict.fromkeys(names, 2.0)]
@@ -160,7 +160,7 @@ def test_figures_over_walks_are_root_mean_squares_and_means() -> None:
     assert_allclose(figures["position_rmse_m"], math.sqrt(2.5))
     assert figures["anees_pose"] == 1.5
     assert figures["clock_anees"] == 1.0
-    assert figures["fixed_lag_over_filter"] == 1.0
+    assert figures["fixed_lag_over_filter"] == figures["live_lag_over_filter"] == 1.0
     assert figures["anees_pose_low"] < 1.0 < figures["anees_pose_high"]
     assert figures["faults_runs"] == 7.0
 
