@@ -21,7 +21,6 @@ from ..primitives.camera import Camera
 from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
 from .back_projection import floor_points, viewing_direction
-from .flow import CORNER_SIGMA_PX
 from .result import Flows, Picture
 
 UNKNOWN_SPEED_MPS = (
@@ -178,5 +177,5 @@ class CovarianceModel:
             by_error[..., first : first + 4] = sign * pose_jacobian(place, pose)
         px = pixel_jacobian(flows.current[which], place, current.camera, pose)
         seconds = current.stamp_s - previous.stamp_s
-        px = px * CORNER_SIGMA_PX / seconds
-        return by_error / seconds, px @ px.transpose(0, 2, 1)
+        own = px @ flows.covariance[which] @ px.transpose(0, 2, 1)
+        return by_error / seconds, own / seconds**2

@@ -118,9 +118,9 @@ class Monocular:
             tracks = track_floor(previous, current, before)
             pair = pair_pose.estimate(previous, current, *tracks, config.camera_noise, sway_world)
             previous, current, errors = pair.previous, pair.current, pair.covariance
-            begin, end = track_corners(previous, current, before, ground)
+            begin, end, doubt = track_corners(previous, current, before, ground)
             groups = edges.group_beside(end, float(BAND_PX))
-            flows = floor_flows(begin, end, previous, current, groups, config.farthest_m)
+            flows = floor_flows(begin, end, doubt, previous, current, groups, config.farthest_m)
         obstacles = find_obstacles(
             edges,
             flows,
@@ -176,4 +176,5 @@ def _corners_blocked(movable: np.ndarray) -> tuple[bool, bool]:
 
 
 def _no_flows() -> Flows:
-    return Flows(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, np.int32), np.zeros((0, 2)))
+    none = np.zeros((0, 2))
+    return Flows(none, none, np.zeros((0, 2, 2)), np.zeros(0, np.int32), none)

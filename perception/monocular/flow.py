@@ -5,7 +5,11 @@ painted in a uniform grey in both pictures, so that only the obstacle and its ou
 at half resolution, in a narrow band above the floor. The search of a corner begins where a point of the floor at its
 pixel has moved by the camera poses: in a turn of a few degrees that is dozens of pixels away.
 
-Source: seed 000, section 3.3 (Shi-Tomasi, pyramidal Lucas-Kanade); painting the floor and the prediction are ours.
+A corner on an outline slips along it: its covariance is that of least squares over its window, the inverse of the sum of
+its squared slopes of brightness.
+
+Source: seed 000, section 3.3 (Shi-Tomasi, pyramidal Lucas-Kanade); painting the floor and the prediction are ours;
+covariance: Förstner and Gülch 1987.
 """
 
 from __future__ import annotations
@@ -28,7 +32,10 @@ MAX_RETURN_PX = 1.0  # seed 000: error after tracking forwards and backwards
 BAND_PX = 12  # seed 000: rows above the floor; higher points have parallax
 FLOOR_CORNERS = 150  # ours
 FLOOR_DISTANCE_PX = 24.0  # ours: spreads them over the floor
-CORNER_SIGMA_PX = 0.25  # ours: standard deviation of a tracked corner
+CORNER_SIGMA_PX = 0.25  # ours: standard deviation of a tracked corner of the floor
+# Ours: corners of 16 walks past things that stand; over the root of the summed squared slopes it is the deviation in px
+BRIGHTNESS_SIGMA = 45.0  # grey levels
+FLATTEST = 100.0  # grey levels^2: 4.5 px, where there is hardly any slope
 
 Tracks = tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]
 """Pixels (u, v) in the previous and in the current picture of the corners that pass the forward-backward check."""
@@ -39,19 +46,22 @@ def track_corners(
     current: Picture,
     ground_previous: UInt8[np.ndarray, "h w"],
     ground_current: UInt8[np.ndarray, "h w"],
-) -> Tracks:
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 2"]]:
     """Corners of obstacles in the band above the floor of the previous picture, tracked into the current one.
 
     Args:
         previous, current: The pair.
         ground_previous, ground_current: I_g of each, 255 on the floor.
 
+    Returns:
+        Their pixels (u, v) in both, and the covariance of each motion, px^2.
+
     Source: seed 000, section 3.3.
     """
     beside = cv2.dilate(contact_band(ground_previous), np.ones((3, 3), np.uint8))
     rows = np.flatnonzero(beside.any(axis=1))
     if not len(rows):
-        return np.zeros((0, 2)), np.zeros((0, 2))
+        return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 2, 2))
     first, second = (cv2.cvtColor(one.rgb, cv2.COLOR_RGB2GRAY) for one in (previous, current))
     tone = np.full_like(first, _mean(first, ground_previous))
     cv2.copyTo(tone, ground_previous, first)
@@ -61,7 +71,28 @@ def track_corners(
     bottom = int(rows[-1]) + 1 + margin // 2
     part = np.ascontiguousarray(_halved(first)[top:bottom])
     corners = _corners(part, beside[top:bottom], MAX_CORNERS, MIN_DISTANCE_PX / 2)
-    return _tracked(first, second, 2.0 * (corners + np.array([0.0, top])) + 0.5, previous, current)
+    begin = 2.0 * (corners + np.array([0.0, top])) + 0.5
+    begin, end = _tracked(first, second, begin, previous, current)
+    return begin, end, corner_covariances(first, begin)
+
+
+def corner_covariances(
+    grey: UInt8[np.ndarray, "h w"], corners: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, "n 2 2"]:
+    """Covariance of the motion of corners (u, v) by least squares over their windows, px^2.
+
+    Source: Förstner and Gülch 1987: sigma^2 times the inverse of the summed products of slopes.
+    """
+    reach = WINDOW_PX // 2 + 1
+    framed = cv2.copyMakeBorder(grey, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
+    sums = np.empty((len(corners), 2, 2))
+    for i, (u, v) in enumerate(np.rint(corners).astype(int)):
+        window = framed[v : v + 2 * reach + 1, u : u + 2 * reach + 1].astype(np.float32)
+        x = 0.5 * (window[1:-1, 2:] - window[1:-1, :-2])
+        y = 0.5 * (window[2:, 1:-1] - window[:-2, 1:-1])
+        xy = np.vdot(x, y)
+        sums[i] = (np.vdot(x, x), xy), (xy, np.vdot(y, y))
+    return np.asarray(BRIGHTNESS_SIGMA**2 * np.linalg.inv(sums + FLATTEST * np.eye(2)))
 
 
 def _mean(grey: UInt8[np.ndarray, "h w"], mask: UInt8[np.ndarray, "h w"]) -> int:

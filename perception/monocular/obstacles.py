@@ -8,6 +8,8 @@ Source: seed 000, section 3.4 (minimum flow) and section 3.5 (prediction).
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -16,12 +18,13 @@ from .contact_covariance import CovarianceModel
 from .edges import Edges
 from .result import Flows, Picture, SeenObstacle
 
-MOVES = 2.296  # ours: one sigma, the 68.3 % quantile of chi-square with two degrees of freedom; the least of several flows
+CHANCE = 0.03  # ours: 16 walks; of a thing at rest to seem to move by errors of its flows
 
 
 def floor_flows(
     begin: Float[np.ndarray, "n 2"],
     end: Float[np.ndarray, "n 2"],
+    covariance: Float[np.ndarray, "n 2 2"],
     previous: Picture,
     current: Picture,
     owners: Int[np.ndarray, "n"],
@@ -37,7 +40,7 @@ def floor_flows(
     before = floor_points(begin, previous.camera, previous.T_world_camera, farthest_m)
     now = floor_points(end, current.camera, current.T_world_camera, farthest_m)
     velocity = (now - before) / (current.stamp_s - previous.stamp_s)
-    return Flows(begin, end, owners, velocity)
+    return Flows(begin, end, covariance, owners, velocity)
 
 
 def find_obstacles(
@@ -56,7 +59,7 @@ def find_obstacles(
         flows: Optical flows with the index of their group.
         current: The picture.
         farthest_m: Maximum length of a ray to the floor.
-        static_mps: Speed from which a flow counts as motion, if it is also significant by its covariance.
+        static_mps: Speed from which a flow counts as motion, if its covariance hardly explains it (`CHANCE`).
         fastest_mps: Faster flows are outliers. If all flows of an obstacle are, it is predicted to stay, with a
             covariance of the velocity that covers them.
         covariances: Error propagation, with the time to the prediction.
@@ -70,13 +73,19 @@ def find_obstacles(
         owned = np.flatnonzero((flows.obstacle == index) & np.isfinite(speed))
         plausible = owned[speed[owned] <= fastest_mps]
         least = int(plausible[np.argmin(speed[plausible])]) if len(plausible) else -1
-        moving = least >= 0 and bool(speed[least] >= static_mps and surprise[least] >= MOVES)
+        rest = _chance_of_rest(surprise[plausible]) > CHANCE
+        moving = not rest and bool(speed[least] >= static_mps)
         velocity = flows.velocity_world[least] if moving else np.zeros(2)
         predicted = contact + velocity * covariances.horizon_s
         measured = flows.velocity_world[plausible if len(plausible) else owned]
         P = covariances.of_obstacle(pixels, contact, flows, least, velocity, measured)
         found.append(SeenObstacle(edge, contact, least, velocity, moving, predicted, *P))
     return tuple(found)
+
+
+def _chance_of_rest(surprise: Float[np.ndarray, "k"]) -> float:
+    """Chance that all flows of a thing at rest are as far from zero as the nearest: chi-square, two degrees, independent."""
+    return math.exp(-0.5 * float(surprise.min()) * len(surprise)) if len(surprise) else 1.0
 
 
 def _surprise(flows: Flows, covariances: CovarianceModel) -> Float[np.ndarray, "n"]:

@@ -93,6 +93,7 @@ class Flows:
     Args:
         previous: (n, 2), pixels (u, v) in the previous picture.
         current: (n, 2), pixels (u, v) in the current picture.
+        covariance: (n, 2, 2), of the motion from pixel to pixel, px^2.
         obstacle: (n,), index into `MonocularResult.obstacles`, -1 for none.
         velocity_world: (n, 2), velocity of the corner as if it lay on the floor, m/s; NaN if one of its pixels
             has no floor point.
@@ -100,6 +101,7 @@ class Flows:
 
     previous: Float[np.ndarray, "n 2"]
     current: Float[np.ndarray, "n 2"]
+    covariance: Float[np.ndarray, "n 2 2"]
     obstacle: Int[np.ndarray, "n"]
     velocity_world: Float[np.ndarray, "n 2"]
 
@@ -116,7 +118,7 @@ class SeenObstacle:
         contact_world: (m, 2), floor points of the edge, m; NaN beyond `MonocularConfig.farthest_m`.
         flow: Index into `Flows` of the flow of smallest speed, I_of^min; -1 without plausible flow.
         velocity_world: (2,), velocity of that flow, m/s; zero if the obstacle counts as static.
-        moving: Whether the speed reaches the threshold and exceeds one sigma of its covariance.
+        moving: Whether the speed reaches the threshold, and is no error of its flows by their covariance.
         predicted_world: (m, 2), contact points after `MonocularResult.horizon_s`, m.
         contact_covariance: (m, 2, 2), of each contact point, m^2; errors of the camera pose are common to all.
         velocity_covariance: (2, 2), (m/s)^2; for a static obstacle it includes the measured speed.

@@ -86,9 +86,9 @@ def ours(
     ground = ground_image(current, colours, CONFIG.least_floor_px, core)
     edges = find_edges(ground)
     before = ground_image(previous, colours, CONFIG.least_floor_px, core)
-    begin, end = flow.track_corners(previous, current, before, ground)
+    begin, end, doubt = flow.track_corners(previous, current, before, ground)
     groups = edges.group_beside(end, float(flow.BAND_PX))
-    flows = floor_flows(begin, end, previous, current, groups, CONFIG.farthest_m)
+    flows = floor_flows(begin, end, doubt, previous, current, groups, CONFIG.farthest_m)
     speed = np.hypot(*flows.velocity_world.T)
     return [
         (edge[len(edge) // 2], float(np.nanmin(speed[flows.obstacle == k])))

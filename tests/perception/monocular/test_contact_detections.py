@@ -41,7 +41,7 @@ def contacts_of(ground):
             picture,
             ground,
             np.zeros_like(ground),
-            Flows(nothing, nothing, np.zeros(0, np.int64), nothing),
+            Flows(nothing, nothing, np.zeros((0, 2, 2)), np.zeros(0, np.int64), nothing),
             (),
             np.zeros_like(ground),
             ground,
