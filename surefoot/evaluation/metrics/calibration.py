@@ -60,6 +60,15 @@ def conformal_radius(scores: Float[np.ndarray, "n"], share: float = SHARE) -> fl
     return float(np.sort(scores)[rank - 1]) if rank <= len(scores) else math.inf
 
 
+def coverage_sigma(fitted: int, tested: int, share: float = SHARE) -> float:
+    """Standard deviation by chance of the coverage of a conformal region, for independent scores.
+
+    Both ends count: a radius fitted on n scores holds a share that scatters as Beta(n share, n (1 - share)), and m tested
+    scores scatter about that share.
+    """
+    return math.sqrt(share * (1.0 - share) * (1.0 / fitted + 1.0 / tested))
+
+
 def by_halves(whitened: Float[np.ndarray, "n k"]) -> dict[str, float]:
     """What is fitted on the first half of a series and tested on the second.
 

@@ -23,6 +23,7 @@ from surefoot.evaluation.metrics.calibration import (
     TOO_SURE,
     by_halves,
     conformal_radius,
+    coverage_sigma,
     crps,
     verdict,
 )
@@ -343,6 +344,15 @@ def test_a_conformal_radius_holds_a_new_score_as_often_as_promised():
     ]
     assert np.mean(inside) == pytest.approx(91 / 101, abs=3.5 * math.sqrt(0.09 / 4000))
     assert conformal_radius(np.arange(8.0)) == math.inf
+
+
+def test_the_scatter_of_a_coverage_is_that_of_fit_and_test_together():
+    rng = np.random.default_rng(3)
+    covered = [
+        np.mean(rng.standard_normal(80) <= conformal_radius(rng.standard_normal(200)))
+        for _ in range(3000)
+    ]
+    assert np.std(covered) == pytest.approx(coverage_sigma(200, 80), rel=0.05)
 
 
 def test_what_is_fitted_on_the_first_half_mends_the_second():
