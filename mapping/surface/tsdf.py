@@ -3,6 +3,10 @@
 Blocks exist near surfaces only, so memory grows with the seen surface, not with time. Surface nets extract the
 mesh; each vertex is then moved onto the zero level of the distance.
 
+Why not Open3D's VoxelBlockGrid, tuned (`real-mapping`, unseen half of Replica's office): ours is off by 0.69 mm, it by 0.97,
+since ours weighs by the variance of depth, and takes 12 ms an image for 20. It completes 0.4 % more (.990, ours .986) and
+has the better F at 2 cm (.984, .979): its marching cubes reach half a cell further at rims.
+
 Source: Curless and Levoy 1996; Nießner et al. 2013 (blocks in a hash table); Gibson 1998 (surface nets).
 """
 

@@ -200,7 +200,7 @@ def _race_tsdf(given: list[Image]) -> dict[str, float]:
     config = TsdfConfig(voxel_m=0.02)
     maps: dict[str, Tsdf | Open3dMap] = {
         "tsdf_ours_ms": Tsdf(config),
-        "tsdf_open3d_ms": Open3dMap(config),
+        "tsdf_open3d_ms": Open3dMap(config, 16),
         "tsdf_open3d_blocks_of_8_ms": Open3dMap(config, 8),
     }
     candidates = {}

@@ -2,25 +2,23 @@
 
 Replica's office: the mesh from noisy ray cast depth, compared with the visible part of the true mesh. TUM's cabinet:
 a floor with one box on it, recorded around the box, without given poses. The probability map and the kitchen:
-see `probability_map`.
+see `probability_map`; our surface map beside Open3D's: `surface_peers`.
 
 Source: ours.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from mapping.surface.meshes import Mesh
 from mapping.surface.surface_map import surface_map
 from mapping.surface.traversability import traversability
 from mapping.surface.tsdf import Tsdf
-from mapping.surface.tsdf_config import SurfaceMap, TsdfConfig
+from mapping.surface.tsdf_config import SurfaceMap
 from perception.depth import structured_light
 from perception.odometry.rgbd_odometry import Odometer
 from perception.primitives.pose import Pose3
@@ -31,67 +29,28 @@ from ..support import real_data
 from ..support.experiment import Experiment, Outcome, Say, Target, combined
 from .odometry import depth_and_colour, without_poses
 from .probability_map import kitchen, probabilities
-from .replica_room import ReplicaRoom, scene_of
+from .replica_room import ReplicaRoom
+from .surface_peers import peers
+from .surface_quality import Quality, quality
 
 EVERY = 8  # of Replica's 2000 frames: each surface is still seen about twenty times
-SAMPLES = 200_000  # points on each surface
 CLEAR_M = 0.08  # a foot: closer to the cabinet the robot cannot stand
 
 
-@dataclass(frozen=True)
-class Quality:
-    """Comparison of a surface with the true one.
-
-    Args:
-        accuracy_mm: Median distance of its points from the true surface.
-        completeness_5cm: Share of the visible true points within 5 cm of it.
-        fscore_2cm: Harmonic mean of the shares within 2 cm, in both directions.
-    """
-
-    accuracy_mm: float
-    completeness_5cm: float
-    fscore_2cm: float
-
-
-def quality(mesh: Mesh, room: ReplicaRoom, rng: np.random.Generator) -> Quality:
-    """Compare a mesh in the room's frame with the truth."""
-    true = Mesh(room.mesh.vertices, room.mesh.triangles[room.seen], room.mesh.normals)
-    to_truth = distances_to(scene_of(room.mesh), mesh.sampled(SAMPLES, rng))
-    to_found = distances_to(scene_of(mesh), true.sampled(SAMPLES, rng))
-    precise, recalled = float(np.mean(to_truth < 0.02)), float(np.mean(to_found < 0.02))
-    return Quality(
-        1e3 * float(np.median(to_truth)),
-        float(np.mean(to_found < 0.05)),
-        2.0 * precise * recalled / max(precise + recalled, 1e-9),
-    )
-
-
-def distances_to(scene: Any, points: np.ndarray) -> np.ndarray:
-    """Distance of each point to the surface, m."""
-    import open3d
-
-    core: Any = open3d.core
-    return np.asarray(scene.compute_distance(core.Tensor(points)).numpy())
-
-
 def office(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
-    """Replica's office with true poses, with ours, and by Open3D with true poses."""
+    """Replica's office with true poses and with ours."""
     room = ReplicaRoom(real_data.folder("replica_office0"))
-    worst: dict[str, list[Quality]] = {"true poses": [], "our poses": [], "VoxelBlockGrid": []}
+    worst: dict[str, list[Quality]] = {"true poses": [], "our poses": []}
     rows = []
     for seed in range(seeds):
-        maps = {
-            "true poses": surface_map(),
-            "VoxelBlockGrid": surface_map(TsdfConfig(method="open3d")),
-        }
+        maps = {"true poses": surface_map()}
         odometer = Odometer(np.random.default_rng(seed))
         say(f"office: seed {seed}, odometry and maps by true poses")
         true = []
         for frame, pose in without_poses(room.frames(np.random.default_rng(seed), EVERY)):
             odometer.track(frame)
             true.append(pose)
-            for one in maps.values():
-                fuse(one, frame, pose)
+            fuse(maps["true poses"], frame, pose)
         say(f"office: seed {seed}, map by our poses")
         poses, _ = odometer.trajectory()
         own = maps["our poses"] = surface_map()
@@ -113,7 +72,7 @@ def office(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
 def office_figures(worst: dict[str, list[Quality]]) -> dict[str, float]:
     """Figures of the worst seed."""
     figures = {}
-    keys = {"true poses": "_true_poses", "our poses": "", "VoxelBlockGrid": "_open3d"}
+    keys = {"true poses": "_true_poses", "our poses": ""}
     for name, key in keys.items():
         found = worst[name]
         figures[f"accuracy{key}_mm"] = max(one.accuracy_mm for one in found)
@@ -186,7 +145,13 @@ def in_rectangle(
 
 def run(seeds: int, say: Say, parts: int | None = None) -> Outcome:
     """Cabinet and kitchen once, the office once per seed; `parts`: only the first of them."""
-    every = (cabinet, kitchen, partial(office, seeds), partial(probabilities, seeds))
+    every = (
+        cabinet,
+        kitchen,
+        partial(office, seeds),
+        partial(peers, seeds),
+        partial(probabilities, seeds),
+    )
     return combined(*(part(say) for part in every[:parts]))
 
 
