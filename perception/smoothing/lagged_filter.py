@@ -40,6 +40,7 @@ class LaggedFilter(PoseFilter):
     ) -> None:
         """Begin at a pose; arguments as of `PoseFilter`."""
         super().__init__(start, landmarks, config)
+        self._seen_s = 0.0
         self._places = {mark.identity: mark.position[:2] for mark in landmarks}
         self._begin()
 
@@ -66,7 +67,7 @@ class LaggedFilter(PoseFilter):
             return
         self._stamp_s += dt
         self._number += 1
-        self._factors = [step(self.config, self._number, odometry, imu, dt)]
+        self._factors: list[Factor] = [step(self.config, self._number, odometry, imu, dt)]
 
     def update(self, sightings: Sequence[Sighting]) -> UpdateReport:
         """Update filter and smoother with the landmarks of one frame; the report is the filter's."""
@@ -87,7 +88,7 @@ class LaggedFilter(PoseFilter):
         """A new smoother; its pose 0 is the filter's pose."""
         self._start = self._newest = super().pose
         self._number, self._stamp_s, self._seen_s = 0, 0.0, 0.0
-        self._factors: list[Factor] = []
+        self._factors = []
         self._given: list[tuple[float, list[Factor]]] = [(0.0, [])]
         self._smoother = self._restored()
 

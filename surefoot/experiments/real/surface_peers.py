@@ -46,7 +46,7 @@ class Timed:
         self._equal = equal
         self._spent: list[float] = []
 
-    def add(self, depth: Depth, pose: Pose3, rgb: UInt8[np.ndarray, "h w 3"]) -> None:
+    def add(self, depth: Depth, pose: Pose3, rgb: UInt8[np.ndarray, "h w 3"] | None) -> None:
         """Fuse one image, if asked to with the same weight for every pixel."""
         if self._equal:
             depth = replace(depth, sigma=np.full_like(depth.z, UNIT_SIGMA_M))
@@ -76,12 +76,13 @@ def peers(seeds: int, say: Say) -> Part:
         for name, one in maps.items():
             judged = quality(one.surface.mesh(), room, np.random.default_rng(seed))
             found[name].append((judged, one.ms))
-    figures, rows = {}, []
+    figures: dict[str, float] = {}
+    rows = []
     for name, key in METHODS.items():
-        judged, ms = zip(*found[name], strict=True)
-        accuracy = max(one.accuracy_mm for one in judged)
-        complete = min(one.completeness_5cm for one in judged)
-        fscore = min(one.fscore_2cm for one in judged)
+        ms = [spent for _, spent in found[name]]
+        accuracy = max(one.accuracy_mm for one, _ in found[name])
+        complete = min(one.completeness_5cm for one, _ in found[name])
+        fscore = min(one.fscore_2cm for one, _ in found[name])
         figures |= {
             f"{key}_accuracy_mm": accuracy,
             f"{key}_completeness_5cm": complete,
