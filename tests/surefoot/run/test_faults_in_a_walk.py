@@ -62,6 +62,6 @@ def test_a_robot_without_pictures_or_odometry_stands(walked):
     reasons = commands.words("why")
     asked = {"no pictures", "no odometry"} & set(said)
     standing = [k for k, why in enumerate(reasons) if why.startswith("stand: ")]
-    assert bool(standing) == bool(asked)
+    assert standing or not asked
     steps = commands.matrix("forward_m", "lateral_m", "turn_rad")
     assert not steps[standing].any()
