@@ -7,6 +7,7 @@ frames are missing, or that the clock was set ahead; nobody can tell, so what wa
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 from ..primitives.frame import Frame
@@ -18,13 +19,14 @@ LEAST_S = 0.001  # ours: of a usual interval
 FIRST_S = 0.1  # ours: interval before one is known
 
 
-Ends = tuple[bool, bool]
-"""What ends an interval: a frame at which a footstep is due or not, after walking or standing."""
+Ends = tuple[bool, float]
+"""What ends an interval: a frame at which a footstep is due or not, and the tenths of a footstep made since the last."""
 
 
 def ends(frame: Frame) -> Ends:
-    """What this frame ends; without odometry it stands."""
-    return frame.footstep_due, frame.odometry is not None and frame.odometry.steps != 0.0
+    """What this frame ends: standing, a quick step and a long one have intervals of their own."""
+    steps = 0.0 if frame.odometry is None else frame.odometry.steps
+    return frame.footstep_due, round(steps, 1) if math.isfinite(steps) else 0.0
 
 
 class UsualIntervals:

@@ -13,10 +13,12 @@ from perception.monitoring.clock import RunClock
 STEP = (0.45, 0.20)  # intervals of a walking robot: the second ends with a footstep
 
 
-def walk_stamps(count: int) -> list[tuple[float, tuple[bool, bool]]]:
-    """Stamps of a walk, and what ends there: a frame at which a footstep is due or not, after walking."""
+def walk_stamps(count: int) -> list[tuple[float, tuple[bool, float]]]:
+    """Stamps of a walk, and what ends there: a frame at which a footstep is due or not, and the share made."""
     ends = np.cumsum(np.resize(STEP, count))
-    return [(float(s), (number % 2 == 1, True)) for number, s in enumerate(ends)]
+    return [
+        (float(s), (number % 2 == 1, 0.8 if number % 2 else 0.2)) for number, s in enumerate(ends)
+    ]
 
 
 def test_without_a_fault_the_time_is_the_stamp_to_the_bit_and_nothing_is_missing():
@@ -61,26 +63,29 @@ def test_a_new_pace_becomes_usual():
     stamps = [*np.arange(0.0, 3.0, 0.1), *np.arange(3.0, 13.0, 0.5)]
     missing = []
     for stamp in stamps:
-        clock.read(float(stamp), (False, False))
+        clock.read(float(stamp), (False, 0.0))
         missing.append(clock.missing_s)
     assert sum(one > 0.0 for one in missing) < 8
     assert missing[-1] == 0.0
 
 
-def test_a_robot_that_stands_and_walks_again_misses_nothing():
-    """Standing, its frames are closer together than those of a step."""
+def test_a_robot_that_walks_stands_and_makes_quick_steps_misses_nothing():
+    """Standing and quick steps have frames closer together than those of a long step."""
     clock, stamp = RunClock(), 0.0
-    for walks in (True, False, True, False, True):
+    long, quick, stands = (0.45, 0.2, 0.8), (0.2, 0.1, 0.9), (0.2, 0.0, 0.0)
+    for first_s, first, second in (long, quick, long, stands, quick, long):
         for number in range(24):
             due = number % 2 == 1
-            stamp += 0.2 if due or not walks else 0.45
-            clock.read(stamp, (due, walks))
+            stamp += 0.2 if due else first_s
+            clock.read(stamp, (due, second if due else first))
             assert clock.missing_s == 0.0
 
 
 @settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
-    st.lists(st.tuples(st.floats(-1e6, 1e6), st.tuples(st.booleans(), st.booleans())), max_size=30)
+    st.lists(
+        st.tuples(st.floats(-1e6, 1e6), st.tuples(st.booleans(), st.floats(0.0, 1.0))), max_size=30
+    )
 )
 def test_time_never_goes_back_whatever_the_stamps(frames):
     clock = RunClock()
