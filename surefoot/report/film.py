@@ -46,9 +46,10 @@ def film(run: RunFolder, out: Path) -> Path:
         RecordingError: The run has no estimates.
         OutputError: The file cannot be written.
     """
-    moments = _pictured([one for one in held(read_moments(run)) if one.pose is not None])
+    moments = [one for one in held(read_moments(run)) if one.pose is not None]
     if len(moments) < 2:
         raise InputError(f"{run.root}: no poses over time in its estimates; a film needs a walk")
+    moments = _pictured(moments)
     robot = load(run.path("config.toml")).robot_model if moments[-1].feet is not None else None
     frames = _frames(moments, robot)
     part = out.with_name(f".part-{out.stem}.webp")
@@ -75,9 +76,9 @@ def _about(run: RunFolder, frames: Sequence[np.ndarray]) -> dict[str, Any]:
     }
 
 
-def _pictured(moments: Sequence[Moment]) -> Sequence[Moment]:
-    """From the first moment on that has every kind of picture that any moment has."""
-    for number, one in enumerate(moments):
+def _pictured(moments: list[Moment]) -> list[Moment]:
+    """From the first moment on that has every kind of picture that any moment has; all if that leaves no two."""
+    for number, one in enumerate(moments[:-1]):
         last = moments[-1]  # pictures are held: the last moment has all kinds
         if (one.colour is None) == (last.colour is None) and (one.depth is None) == (
             last.depth is None
