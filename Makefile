@@ -54,8 +54,9 @@ demo: $(WARM)  ## a live walk, its recording processed, both judged
 test: $(WARM)  ## the test suite
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q
 
-test-layers: $(WARM)  ## perception, mapping and planning without sim and surefoot
-	BLOCKED_PACKAGES="sim surefoot" $(BIN)/python -m pytest -n 2 --dist loadfile -q tests/perception tests/mapping tests/planning
+test-layers: $(WARM)  ## perception, mapping and planning without sim and surefoot; array shapes checked in every call, in whole walks too
+	BLOCKED_PACKAGES="sim surefoot" CHECK_SHAPES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -q tests/perception tests/mapping tests/planning
+	CHECK_SHAPES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -q tests/sim/sensors tests/surefoot/run/test_estimates.py tests/surefoot/run/test_process.py tests/surefoot/run/test_goals.py
 
 test-lowest:  ## the test suite with the oldest versions that pyproject.toml allows
 	tests/versions.sh lowest $(PYTHON)

@@ -1,7 +1,8 @@
-"""Run-time checks of shape annotations during tests; the folder of real recordings; blocked packages; PyBullet.
+"""Run-time checks of shape annotations; the folder of real recordings; blocked packages; PyBullet.
 
-With BLOCKED_PACKAGES="sim surefoot" these packages cannot be imported, which shows that the tests of the lower ones
-do not need them (`make test-layers`).
+With CHECK_SHAPES=1 every call checks the shapes of its arrays, which doubles the time of the tests. With
+BLOCKED_PACKAGES="sim surefoot" these packages cannot be imported, which shows that the tests of the lower ones do not
+need them. `make test-layers` does both.
 """
 
 from __future__ import annotations
@@ -50,14 +51,15 @@ settings.register_profile("same", derandomize=True, deadline=None)
 settings.register_profile("search", derandomize=False, deadline=None)
 settings.load_profile("same")
 
-# Kernels are left out: the check would wrap their functions before numba sees them.
-_modules = [
-    module.name
-    for package in PACKAGES
-    for module in pkgutil.walk_packages([str(ROOT / package)], f"{package}.")
-    if not module.ispkg and not module.name.endswith("_kernels")
-]
-install_import_hook(_modules, "beartype.beartype")
+if os.environ.get("CHECK_SHAPES"):
+    # Kernels are left out: the check would wrap their functions before numba sees them.
+    _modules = [
+        module.name
+        for package in PACKAGES
+        for module in pkgutil.walk_packages([str(ROOT / package)], f"{package}.")
+        if not module.ispkg and not module.name.endswith("_kernels")
+    ]
+    install_import_hook(_modules, "beartype.beartype")
 
 
 if "sim" not in BLOCKED and importlib.util.find_spec("pybullet") is None:

@@ -54,12 +54,15 @@ class TruthLog:
         for camera in self._truth.cameras():
             floor = self._truth.floor(camera)
             self._floors.append((stamp_s, camera, *floor.normal.tolist(), floor.offset_m))
-        for border in self._borders:
-            unseen = np.flatnonzero(~border.seen)
-            points = border.points[unseen].reshape(-1, 3)
-            if len(points):
-                in_view = self._truth.in_view(points, REACH_M).reshape(len(unseen), -1)
-                border.seen[unseen] = in_view.any(axis=1)
+        unseen = [np.flatnonzero(~border.seen) for border in self._borders]
+        points = [
+            one.points[i].reshape(-1, 3) for one, i in zip(self._borders, unseen, strict=True)
+        ]
+        if sum(map(len, points)):
+            in_view = self._truth.in_view(np.concatenate(points), REACH_M)
+            parts = np.split(in_view, np.cumsum([len(one) for one in points])[:-1])
+            for border, i, part in zip(self._borders, unseen, parts, strict=True):
+                border.seen[i] = part.reshape(len(i), -1).any(axis=1) if len(i) else False
         clearance, nearest = self._truth.clearance_m()
         self._clearances.append((stamp_s, clearance, nearest))
 

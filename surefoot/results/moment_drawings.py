@@ -1,4 +1,4 @@
-"""Drawings of a moment for viewers: robot, tracks, plan and footprints as Foxglove's SceneUpdate.
+"""Drawings of a moment for viewers: robot, floor, tracks, plan and footprints as Foxglove's SceneUpdate.
 
 What a later moment does not have is deleted, so that nothing stands in a viewer that is over.
 """
@@ -22,12 +22,13 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import MOVING
 from perception.primitives.robot_model import RobotModel
 
-from ..foxglove import MAP, timestamp
+from ..foxglove import MAP, frame_id, timestamp
 from .moment import DRAWN, Moment
 
 ROBOT, TRACKS, ROUTE, STEPS = "/estimate/robot", "/estimate/tracks", "/plan/route", "/plan/steps"
-STATIC = "/estimate/footprints_drawn"
+FLOOR, STATIC = "/estimate/floor", "/estimate/footprints_drawn"
 THIN_M, FOOT_M = 0.01, 0.02  # heights of what lies on the floor, and of a foot
+FLOOR_M = 1.0  # side of the square that shows the floor
 BLUE, GREY, GREEN = (0.20, 0.45, 0.85), (0.5, 0.5, 0.5), (0.2, 0.65, 0.3)
 RED, ORANGE = (0.85, 0.25, 0.2), (0.95, 0.6, 0.1)
 
@@ -45,6 +46,8 @@ def drawings(
     stamp = timestamp(moment.stamp_s)
     if moment.pose is not None:
         yield ROBOT, _robot(moment, moment.pose, robot, stamp)
+    if any(name in moment.cameras for name in moment.floor):
+        yield FLOOR, _floors(moment, stamp)
     if moment.tracks or drawn:
         yield TRACKS, _tracks(moment, drawn, stamp)
     if moment.why:
@@ -78,6 +81,25 @@ def _robot(
         cube = entity.cubes.add(color=_colour(BLUE, 0.4 if lifted else 0.95))
         cube.pose.CopyFrom(_pose(foot_x, foot_y, FOOT_M / 2 + FOOT_M * lifted, foot_yaw))
         cube.size.x, cube.size.y, cube.size.z = *robot.foot_m, FOOT_M
+    return update
+
+
+def _floors(moment: Moment, stamp: Timestamp) -> SceneUpdate:
+    """A square below each camera, in its frame, as thick as the 95 % interval of the height; grey if only expected."""
+    update = SceneUpdate()
+    for sensor, floor in moment.floor.items():
+        if sensor not in moment.cameras:
+            continue
+        entity = update.entities.add(timestamp=stamp, frame_id=frame_id(sensor), id=sensor)
+        square = entity.cubes.add(color=_colour(GREEN if floor.share else GREY, 0.3))
+        nx, ny, nz = floor.normal.tolist()
+        place = square.pose.position
+        place.x, place.y, place.z = (-floor.height_m * one for one in (nx, ny, nz))
+        turn = square.pose.orientation  # the shortest from the z axis to the normal
+        length = math.sqrt(2.0 * (1.0 + nz)) if nz > -1.0 else 0.0
+        turn.x, turn.y, turn.w = (-ny / length, nx / length, length / 2) if length else (1.0, 0, 0)
+        square.size.x = square.size.y = FLOOR_M
+        square.size.z = 2.0 * 1.96 * math.sqrt(floor.covariance[2, 2])
     return update
 
 

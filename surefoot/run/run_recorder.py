@@ -171,10 +171,8 @@ class RunRecorder:
         """What the run doubted, and when."""
         return self._status.notes()
 
-    def finish(self, pipeline: Pipeline, summary: dict[str, Any]) -> None:
-        """Write maps, summary and report, and close all tables."""
-        from ..report.page import write_report
-
+    def finish(self, pipeline: Pipeline, summary: dict[str, Any], report: bool = True) -> None:
+        """Write maps, summary and, if asked for, the report, and close all tables."""
         folder = self._folder
         self._close_tables(pipeline)
         world = pipeline.world
@@ -209,7 +207,10 @@ class RunRecorder:
                 "command": summary.get("command") or self._command(),
             },
         )
-        write_report(folder)
+        if report:
+            from ..report.page import write_report
+
+            write_report(folder)
 
     def _command(self) -> str:
         """The command that repeats this run."""

@@ -73,7 +73,12 @@ def true_start(scene: Scene, config: Config) -> Pose2:
 
 
 def simulate(
-    config: Config, out: Path | None, record: bool, say: Say, page: LivePage | None = None
+    config: Config,
+    out: Path | None,
+    record: bool,
+    say: Say,
+    page: LivePage | None = None,
+    report: bool = True,
 ) -> Summary:
     """Walk through a simulated scene until its goals are reached or the time limit ends the walk.
 
@@ -85,6 +90,7 @@ def simulate(
         record: Write the sensor data to recording.mcap.
         say: Receives lines of progress.
         page: Shows the walk while it goes on, and may make it wait between two frames.
+        report: Write report.html and replay.html, which takes seconds.
 
     Raises:
         InputError: Unknown scene or planner.
@@ -146,7 +152,7 @@ def simulate(
         interrupted=interrupted,
     )
     _keep_looks(planner, recorder)
-    recorder.finish(pipeline, summary.as_dict())
+    recorder.finish(pipeline, summary.as_dict(), report)
     if page is not None:
         page.finish()
     return summary

@@ -113,7 +113,7 @@ def _walk(number: int, process: int, out: Path, config: Config) -> Walk:
     config = drawn(number, config)
     began_s = time.monotonic()
     place = out / f"walk-{number}"
-    summary = simulate(config, place, False, lambda text: None)
+    summary = simulate(config, place, False, lambda text: None, report=False)
     folder = RunFolder.open(place)
     metrics = evaluate(folder)
     timing = folder.read_csv("timing.csv")

@@ -35,7 +35,7 @@ def walk(config: Config, extra: ExtraFigures | None = None) -> dict[str, Any]:
 
     with tempfile.TemporaryDirectory() as place:
         out = Path(place) / "live"
-        simulate.simulate(config, out, False, lambda text: None)
+        simulate.simulate(config, out, False, lambda text: None, report=False)
         folder = RunFolder.open(out)
         metrics = evaluate(folder)
         return metrics if extra is None else metrics | extra(folder, config)

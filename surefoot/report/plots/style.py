@@ -26,6 +26,7 @@ ESTIMATE, TRUTH, WRONG, TARGET = "#0072B2", "#3A3F45", "#D55E00", "#009E73"
 LANDMARK, FAINT, INK = "#AA4499", "#C9CFD6", "#22272D"
 SERIES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8C6D31", "#7F7F7F")
 WIDTH_IN = 8.4
+MARGIN_IN = 0.04  # above and below a figure
 
 _SETTINGS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -119,9 +120,14 @@ def sheet(
 
 
 def svg(figure: Figure) -> bytes:
-    """The figure as SVG, with text as outlines and without a date."""
+    """The figure as SVG, with text as outlines and without a date; as high as what is drawn."""
+    from matplotlib.transforms import Bbox
+
+    figure.draw_without_rendering()
+    drawn = figure.get_tightbbox()
+    page = Bbox([[0.0, drawn.y0 - MARGIN_IN], [figure.get_figwidth(), drawn.y1 + MARGIN_IN]])
     data = io.BytesIO()
-    figure.savefig(data, format="svg", metadata={"Date": None})
+    figure.savefig(data, format="svg", metadata={"Date": None}, bbox_inches=page)
     return data.getvalue()
 
 

@@ -113,11 +113,11 @@ def clearance(run: RunFolder) -> Drawn | None:
     axes.plot(seconds[nearest], gaps[nearest], "o", color=WRONG, markersize=4)
     axes.annotate(
         f"{100 * gaps[nearest]:.1f} cm to {objects[nearest]}",
-        (seconds[nearest], gaps[nearest]), xytext=(0, -14), textcoords="offset points",
+        (seconds[nearest], min(gaps[nearest], 0.0)), xytext=(0, -11), textcoords="offset points",
         color=WRONG, fontsize=8, ha="center",
     )  # fmt: skip
     top = max(float(np.nanmax(gaps)), 0.1)
-    axes.set_ylim(min(0.0, float(gaps[nearest])) - 0.12 * top, 1.08 * top)
+    axes.set_ylim(min(0.0, float(gaps[nearest])) - 0.16 * top, 1.08 * top)
     axes.set(xlabel="time, s", ylabel="clearance, m")
     sentence = "True distance between the robot and the nearest object; zero is a contact."
     return Drawn(figure, sentence)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from inspect import unwrap
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -258,7 +260,7 @@ def test_bad_input_is_refused_with_its_reason():
     with pytest.raises(ConfigError, match="most_cells=10"):
         WorldMapConfig(most_cells=10)
     with pytest.raises(InputError, match="2 points but 1 flags"):
-        WorldMap().update.__wrapped__(  # without the shape check that tests add
+        unwrap(WorldMap.update)(  # without the check of shapes
             WorldMap(), np.zeros((2, 3)), np.zeros(1, bool), 1.0, CAMERA
         )
 

@@ -113,6 +113,7 @@ def test_the_environments_cache_folder_comes_first(package, tmp_path, monkeypatc
 
 
 def test_kernels_run_without_any_cache_and_leave_numbas_own_setting_alone(monkeypatch):
+    numba.config.reload_config()  # takes over what earlier tests changed in the environment
     monkeypatch.setattr(numba.config, "CACHE_DIR", "as before")
     monkeypatch.setattr(compiled, "cache_folder", lambda package: None)
 

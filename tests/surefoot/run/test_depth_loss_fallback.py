@@ -142,7 +142,7 @@ def walked(folder: Path, fall_back: bool, limit_s: float) -> dict[str, float]:
         mission=MissionConfig(time_limit_s=limit_s),
         depth_health=DepthHealthConfig(fall_back=fall_back),
     )
-    simulate.simulate(config, folder, fall_back, lambda text: None)
+    simulate.simulate(config, folder, fall_back, lambda text: None, report=False)
     run = RunFolder.open(folder)
     way = run.read_trajectory("truth/trajectory.txt")
     assert way is not None

@@ -31,10 +31,8 @@ def walk(tmp_path_factory):
     robot = dataclasses.replace(config.robot, stereo=False, colour_camera=small)
     mission = dataclasses.replace(config.mission, time_limit_s=SECONDS)
     config = dataclasses.replace(config, robot=robot, mission=mission)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("surefoot.report.page.write_report", lambda run: None)
-        out = tmp_path_factory.mktemp("estimates") / "walk"
-        simulate.simulate(config, out, False, lambda text: None)
+    out = tmp_path_factory.mktemp("estimates") / "walk"
+    simulate.simulate(config, out, False, lambda text: None, report=False)
     return RunFolder.open(out)
 
 
@@ -65,7 +63,7 @@ def poses(walk):
 def test_foxgloves_reader_decodes_every_message(decoded):
     assert set(decoded) == {
         "/estimate/tf", "/estimate/odometry", "/estimate/grid", "/estimate/colour", "/estimate/depth",
-        "/estimate/depth/calibration", "/estimate/robot", "/estimate/tracks", "/estimate/footprints_drawn",
+        "/estimate/depth/calibration", "/estimate/robot", "/estimate/floor", "/estimate/tracks", "/estimate/footprints_drawn",
         "/head/joints", "/plan/route", "/plan/steps", "/plan/why", "/plan/gaze",
     }  # fmt: skip
     stamped = [one for topic in decoded for one in decoded[topic]]
@@ -80,6 +78,40 @@ def test_every_topic_of_the_layout_is_in_the_file(decoded, tmp_path):
     named = set(re.findall(r"/(?:estimate|plan|head)/[a-z_/]+", text))
     assert named
     assert named <= {*decoded, "/estimate/moment"}
+
+
+def test_every_number_that_the_layout_plots_is_in_every_moment_that_has_a_decision(walk, tmp_path):
+    text = viewers.write_layout(tmp_path / "layout.json").read_text()
+    plotted = re.findall(r"/estimate/moment\.([a-z_]+)", text)
+    assert set(plotted) == {"pose", "risk"}
+    for one in read_moments(walk):
+        if one.why:
+            assert all(getattr(one, name) is not None for name in plotted)
+
+
+def test_the_floor_is_drawn_where_the_floor_is(decoded):
+    tree = {
+        (at, one.child_frame_id): one
+        for at, message in decoded["/estimate/tf"]
+        for one in message.transforms
+    }
+    seen = 0
+    for at, message in decoded["/estimate/floor"]:
+        for entity in message.entities:
+            chain, frame = Pose3(), entity.frame_id
+            while frame != "map":
+                one = tree[at, frame]
+                move, turn = one.translation, one.rotation
+                chain = Pose3((move.x, move.y, move.z), (turn.x, turn.y, turn.z, turn.w)) @ chain
+                frame = one.parent_frame_id
+            (square,) = entity.cubes
+            place, turn = square.pose.position, square.pose.orientation
+            drawn = chain @ Pose3((place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w))
+            assert abs(drawn.translation[2]) < 0.02
+            assert drawn.matrix[2, 2] > np.cos(np.radians(2.0))
+            assert 0.0 < square.size.z < 0.05
+            seen += 1
+    assert seen > 10
 
 
 def test_every_frame_of_the_walk_has_its_transforms_and_they_agree_with_the_table(decoded, poses):

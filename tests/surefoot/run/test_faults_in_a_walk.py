@@ -31,9 +31,7 @@ def walked(
     injected = ", ".join(f'"{one}"' for one in faults)
     config = load(None, [*CHEAP, *WHEN, f"faults.inject=[{injected}]"], scene="home", seed=1)
     live = tmp_path_factory.mktemp("walk") / "live"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("surefoot.report.page.write_report", lambda run: None)
-        simulate.simulate(config, live, True, lambda text: None)
+    simulate.simulate(config, live, True, lambda text: None, report=False)
     return said, live
 
 

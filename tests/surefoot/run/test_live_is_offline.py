@@ -34,7 +34,7 @@ def walked(
     scene, limit_s, settings = WALKS[request.param]
     asked = load(None, [*settings, f"mission.time_limit_s={limit_s}"], scene=scene, seed=1)
     live = tmp_path_factory.mktemp("walk") / "live"
-    simulate.simulate(asked, live, True, lambda text: None)
+    simulate.simulate(asked, live, True, lambda text: None, report=False)
     return request.param, live
 
 

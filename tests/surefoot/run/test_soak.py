@@ -26,7 +26,6 @@ WALK = Walk(0, 1, "home", "kinematic", "frozen", 10.0, 60.0, 500.0, 40.0, 0, 0, 
 
 
 def test_a_tiny_soak_leaves_its_table_and_goes_on(tmp_path, monkeypatch):
-    monkeypatch.setattr("surefoot.report.page.write_report", lambda run: None)
     monkeypatch.setattr(soak, "BODIES", ("kinematic",))
     config = load(None, CHEAP)
     said: list[str] = []
