@@ -45,7 +45,7 @@ TRIALS = "trials"
 CODE_LETTERS = 16  # of the hash of all source files
 SHAPE = {
     "title": str, "seeds": int, "figures": Values(Maybe(Some((float, bool)))), "targets": Values([Some((str, float)), 2]),
-    "code?": str, "body?": Maybe(str), "smaller?": Values(float), "files?": [str],
+    "code?": str, "body?": Maybe(str), "smaller?": Values(Some((float, bool))), "files?": [str],
 }  # fmt: skip
 """What is read of an earlier result.json."""
 HEADER = ("figure", "value", "low", "high", "relation", "bound", "met", "published")

@@ -168,6 +168,14 @@ def test_a_result_that_is_none_is_no_result(tmp_path, changed):
     assert artefacts.read(tmp_path / "out") is None
 
 
+@pytest.mark.parametrize("smaller", reproduce.SMALLER.values(), ids=reproduce.SMALLER)
+def test_the_result_of_a_quick_round_can_be_read(tmp_path, smaller):
+    one = tiny(lambda seeds, say, **arguments: measure(seeds, say))
+    order = artefacts.Order(one, 1, None, "surefoot reproduce --quick", smaller=smaller)
+    artefacts.perform(order, tmp_path / "out", quiet)
+    assert artefacts.read(tmp_path / "out")["smaller"] == smaller
+
+
 @pytest.mark.parametrize("name", experiment.names())
 def test_every_experiment_draws_its_targets_and_names_its_source(name):
     one = experiment.load(name)
