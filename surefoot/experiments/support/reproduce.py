@@ -37,14 +37,16 @@ QUICK: dict[str, int] = {
 }  # fmt: skip
 """Seeds of `--quick` by experiment; one for those that are not listed."""
 SMALLER: dict[str, dict[str, float]] = {
-    "000-E3": {"limit_s": 75.0},
+    "000-E3": {"limit_s": 45.0},
     "001-E3": {"image_seeds": 0},
     "003-E6": {"limit_s": 60.0},
     "004-E3": {"motions": 3},
     "004-E4": {"motions": 2},
     "004-E5": {"scenes": 4, "ablated": False},
     "faults": {"faults": 3},
+    "localisation": {"other_noise": False},
     "mrclam": {"untuned_logs": False},
+    "prediction": {"seconds": 50.0},
     "real-honesty": {"floors_alone": True},
     "real-mapping": {"parts": 1},
     "real-odometry": {"sets": 1},
