@@ -134,8 +134,10 @@ def against_truth(folder: RunFolder) -> str:
     """Error of a camera trajectory against the poses that were ignored, as one line."""
     from ..evaluation.evaluate import evaluate
     from ..offline.job import TRUTH
+    from ..store.run_tables import write_run_tables
 
     metrics = evaluate(folder, folder.path(TRUTH))
+    write_run_tables(folder)
     if "ate_aligned_m" not in metrics:
         return "against the poses of the recording: too few poses to compare"
     return (

@@ -95,10 +95,12 @@ def evaluate(
     from ..evaluation.targets import closing_table
     from ..report.page import write_report
     from ..results.run_folder import RunFolder
+    from ..store.run_tables import write_run_tables
 
     folder = RunFolder.open(run)
     metrics = measure(folder, truth, surface, sigma)
     report = write_report(folder)
+    write_run_tables(folder)
     if as_json:
         click.echo(json.dumps(metrics, indent=2))
     else:

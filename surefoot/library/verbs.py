@@ -189,6 +189,7 @@ def evaluate(
     from ..evaluation.evaluate import evaluate as measure
     from ..report.page import write_report
     from ..results.run_folder import RunFolder
+    from ..store.run_tables import write_run_tables
 
     judged = run if isinstance(run, Run) else Run(run)
     folder = RunFolder.open(judged.folder)
@@ -199,6 +200,7 @@ def evaluate(
         truth_sigma,
     )
     write_report(folder)
+    write_run_tables(folder)
     return judged
 
 

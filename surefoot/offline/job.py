@@ -13,11 +13,12 @@ from typing import Any
 
 from ..config import toml
 from ..config.schema import Config
+from ..recordings.identity import identity
 from ..recordings.recording import Recording
 from ..recordings.without_poses import WithoutPoses, open_input
 from ..results.camera_trajectory import write_poses
 from ..results.run_folder import RunFolder
-from ..results.version import version
+from ..results.version import commit, version
 
 Say = Callable[[str], None]
 TRUTH = "truth/trajectory.txt"
@@ -78,7 +79,7 @@ class Job:
         return shlex.join(words)
 
     def finish(self, frames: int, skipped: dict[str, int], **figures: Any) -> dict[str, Any]:
-        """Write the truth, summary.json and report.html.
+        """Write the truth, summary.json, report.html and the tables.
 
         Args:
             frames: How many frames were used.
@@ -89,6 +90,7 @@ class Job:
             The summary.
         """
         from ..report.page import write_report
+        from ..store.run_tables import write_run_tables
 
         keep_truth(self.folder, self.recording, self.path)
         summary = {
@@ -97,13 +99,17 @@ class Job:
             "command": self.command,
             "recording": "" if self.path is None else str(self.path),
             "version": version(),
+            "commit": commit(),
             "frames": frames,
             "skipped": skipped,
             "notes": list(self.recording.remarks),
             **figures,
         }
+        if self.path is not None:
+            summary["recording_identity"] = identity(self.path, self.description, self.folder.root)
         self.folder.write_json("summary.json", summary)
         write_report(self.folder)
+        write_run_tables(self.folder)
         return summary
 
 

@@ -46,7 +46,7 @@ SIMULATION, PLAYBACK, MAP, PANORAMA, MONOCULAR, BATCH = (
     "simulation", "recording", "map", "panorama", "monocular", "batch",
 )  # fmt: skip
 _OUTPUTS = (  # files and folders that a repeated run deletes before it starts
-    "summary.json", "metrics.json", "report.html", "replay.html", "config.toml", "trajectory.txt",
+    "summary.json", "tables/runs.parquet", "tables", "metrics.json", "report.html", "replay.html", "config.toml", "trajectory.txt",
     "trajectory_covariance.csv", "space_covariance.csv", ERRORS, "errors.csv", "tracking.csv", "map.yaml", "map.pgm", "cloud.ply",
     "map_probability.yaml", "map_probability.png", "map_layers.tif",
     "obstacles.json", "floor.csv", "timing.csv", "commands.csv", "innovations.csv", "terrain.npz", "states.csv",

@@ -65,7 +65,7 @@ SHAPES: dict[str, Any] = {
         "goals?": Maybe(int), "goals_reached?": Maybe(int), "goal_positions?": Maybe([POINT]), "start?": Maybe([float, 3]),
         "start_covariance?": Maybe([[float, 3], 3]), "landmarks?": Maybe([[float, 5]]), "body?": Maybe(str),
         "fell_at_s?": Maybe(float), "renderer?": Maybe(str), "trajectory?": str,
-        "recording_identity?": str,
+        "recording_identity?": str, "commit?": str, "status?": [{"status": str, "times": int}],
     },
     "metrics.json": Values(Some((float, bool, str, Maybe(Values(Values(float)))))),
     "obstacles.json": {"tracks": [TRACK], "footprints?": [FOOTPRINT]},

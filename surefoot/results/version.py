@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 
@@ -15,8 +16,12 @@ def version() -> str:
         return "from source"
 
 
+@cache
 def commit() -> str:
-    """Commit of the checkout that runs, with "+" if files differ from it; empty outside a checkout."""
+    """Commit of the checkout that runs, with "+" if files differ from it; empty outside a checkout.
+
+    It is asked once a process.
+    """
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return ""

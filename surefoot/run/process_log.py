@@ -18,7 +18,7 @@ from ..recordings.robot_log import RobotLog, open_robot_log
 from ..results.moment import Moment
 from ..results.moments import MomentWriter
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
-from ..results.version import version
+from ..results.version import commit, version
 from .moment_recorder import EVERY_S
 from .summary import Say, Summary
 
@@ -42,6 +42,7 @@ def process_log(path: Path, config: Config, out: Path | None, say: Say) -> Summa
         OutputError: The folder cannot be written.
     """
     from ..report.page import write_report
+    from ..store.run_tables import write_run_tables
 
     read = open_robot_log(path)
     folder = RunFolder.create(out, name=read.name, reads=path)
@@ -70,6 +71,7 @@ def process_log(path: Path, config: Config, out: Path | None, say: Say) -> Summa
         "name": read.name,
         "recording": str(path),
         "version": version(),
+        "commit": commit(),
         "command": shlex.join(["surefoot", "process", str(path)]),
         "trajectory": "body",
         "recording_identity": identity(path),
@@ -77,6 +79,7 @@ def process_log(path: Path, config: Config, out: Path | None, say: Say) -> Summa
     }
     folder.write_json("summary.json", summary.as_dict() | entries)
     write_report(folder)
+    write_run_tables(folder)
     return summary
 
 

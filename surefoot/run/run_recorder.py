@@ -40,7 +40,7 @@ from ..results.moment import Moment
 from ..results.row_stream import JsonStream, RowStream
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 from ..results.status_log import StatusLog
-from ..results.version import version
+from ..results.version import commit, version
 from .loop import Cycle
 from .moment_recorder import MomentRecorder
 from .pipeline import Pipeline
@@ -172,7 +172,7 @@ class RunRecorder:
         return self._status.notes()
 
     def finish(self, pipeline: Pipeline, summary: dict[str, Any], report: bool = True) -> None:
-        """Write maps, summary and, if asked for, the report, and close all tables."""
+        """Write maps, summary and, if asked for, the report and the tables, and close all files."""
         folder = self._folder
         self._close_tables(pipeline)
         world = pipeline.world
@@ -203,14 +203,17 @@ class RunRecorder:
                 "status": self._status.entries(),
                 "renderer": self._config.renderer,
                 "version": version(),
+                "commit": commit(),
                 "recording": self._recording,
                 "command": summary.get("command") or self._command(),
             },
         )
         if report:
             from ..report.page import write_report
+            from ..store.run_tables import write_run_tables
 
             write_report(folder)
+            write_run_tables(folder)
 
     def _command(self) -> str:
         """The command that repeats this run."""

@@ -8,7 +8,7 @@ not judged, even near a listed obstacle; a track that has lost its obstacle is j
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -42,6 +42,8 @@ class TrackErrors:
         errors: Estimated minus true (x, y, vx, vy), m and m/s.
         whitened: The errors, whitened by their covariance.
         present: Number of instants at which each true obstacle exists.
+        owners: Number of a track to the true obstacles that its detections were nearest to, "" for one that the truth
+            does not list.
     """
 
     stamps: Float[np.ndarray, "n"]
@@ -50,6 +52,7 @@ class TrackErrors:
     errors: Float[np.ndarray, "n 4"]
     whitened: Float[np.ndarray, "n 4"]
     present: dict[str, int]
+    owners: dict[int, set[str]]
 
     def whitened_of(self, wanted: Collection[str]) -> Float[np.ndarray, "m 4"]:
         """Whitened errors of some true obstacles, obstacle by obstacle, each in order of time."""
@@ -77,6 +80,7 @@ def track_errors(tracks: list[dict[str, Any]], truth: Table) -> TrackErrors:
     present: dict[str, int] = defaultdict(int)
     found: list[tuple[float, str, int, np.ndarray, np.ndarray]] = []
     owners: dict[int, str] = {}
+    ever: dict[int, set[str]] = defaultdict(set)
     for stamp in sorted(true_rows):
         rows, entries = true_rows[stamp], by_stamp.get(stamp, [])
         for row in rows:
@@ -91,6 +95,7 @@ def track_errors(tracks: list[dict[str, Any]], truth: Table) -> TrackErrors:
                 owners[int(entry["track"])] = (
                     identities[rows[nearest]] if gaps[nearest] < GATE_M else UNLISTED
                 )
+                ever[int(entry["track"])].add(owners[int(entry["track"])])
         own = np.array(
             [[owners.get(int(e["track"])) == identities[r] for r in rows] for e in entries]
         )
@@ -107,7 +112,27 @@ def track_errors(tracks: list[dict[str, Any]], truth: Table) -> TrackErrors:
         errors,
         whitened(errors, covariances),
         dict(present),
+        dict(ever),
     )
+
+
+def likeliest_moving(entries: Iterable[Mapping[str, Any]]) -> dict[int, float]:
+    """Track number to its probability of moving: the larger of those at its end and at its last detection.
+
+    Args:
+        entries: Entries of obstacles.json: stamp, track, moving and seen.
+    """
+    by_track: dict[int, list[Mapping[str, Any]]] = defaultdict(list)
+    for entry in entries:
+        if entry.get("moving") is not None:
+            by_track[int(entry["track"])].append(entry)
+    found = {}
+    for track, rows in by_track.items():
+        last = max(rows, key=lambda row: float(row["stamp"]))
+        detected = [row for row in rows if row.get("seen", row["stamp"]) >= row["stamp"]]
+        seen = max(detected, key=lambda row: float(row["stamp"]), default=last)
+        found[track] = max(float(last["moving"]), float(seen["moving"]))
+    return found
 
 
 def moving(truth: Table) -> tuple[str, ...]:
@@ -125,7 +150,8 @@ def obstacle_metrics(tracks: list[dict[str, Any]], truth: Table) -> dict[str, fl
         For each kind that exists, with the prefix moving_obstacle or static_obstacle: _count; _tracked_share
         (instants with an assigned track; an occluded obstacle counts as missed); and, if any was tracked,
         _position_rmse_m, _velocity_rmse_mps, _track_changes (how often the track of an obstacle changed its
-        number), and the consistency figures of the NEES. ospa_m if any obstacle moves.
+        number), and the consistency figures of the NEES. ospa_m if any obstacle moves. false_movers: tracks that
+        count as moving and whose detections were never nearest to anything that moves.
     """
     errors = track_errors(tracks, truth)
     movers = moving(truth)
@@ -149,6 +175,12 @@ def obstacle_metrics(tracks: list[dict[str, Any]], truth: Table) -> dict[str, fl
             f"{kind}_track_changes": float(_changes(errors, wanted)),
         }
         figures |= consistency_metrics(errors.whitened_of(wanted), kind)
+    figures["false_movers"] = float(
+        sum(
+            probability > MOVING and not errors.owners.get(track, set()) & set(movers)
+            for track, probability in likeliest_moving(tracks).items()
+        )
+    )
     if movers:
         figures["ospa_m"] = float(np.mean(ospa_over_time(tracks, truth)[1]))
     return figures

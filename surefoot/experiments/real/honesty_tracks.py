@@ -13,8 +13,7 @@ Source: ours.
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ import numpy as np
 from perception.primitives.obstacle import Obstacle
 
 from ...config.schema import Config
-from ...evaluation.metrics.obstacles import MOVING
+from ...evaluation.metrics.obstacles import MOVING, likeliest_moving
 from ...recordings.recording import RecordingInfo
 from ...results.run_folder import RunFolder
 from ...run.pipeline import Pipeline
@@ -57,27 +56,13 @@ def part(runs: Mapping[str, Path], say: Say) -> Part:
     figures: dict[str, float] = {}
     table = ["recording                  tracks  false movers  largest P(moving)"]
     for name, entries in found.items():
-        likeliest = probabilities(entries)
+        likeliest = likeliest_moving(entries)
         figures[f"static_movers_{name}"] = float(sum(p > MOVING for p in likeliest.values()))
         table.append(
             f"{name:25s}  {len(likeliest):6d}  {figures[f'static_movers_{name}']:12.0f}"
             f"  {max(likeliest.values(), default=0.0):17.2f}"
         )
     return {"static_movers": sum(figures.values())} | figures, table
-
-
-def probabilities(entries: Iterable[Mapping[str, Any]]) -> dict[int, float]:
-    """Track number to its probability of moving: the larger of those at its end and at its last detection."""
-    by_track: dict[int, list[Mapping[str, Any]]] = defaultdict(list)
-    for entry in entries:
-        by_track[int(entry["track"])].append(entry)
-    found = {}
-    for track, rows in by_track.items():
-        last = max(rows, key=lambda row: float(row["stamp"]))
-        detected = [row for row in rows if row["seen"] >= row["stamp"]]
-        seen = max(detected, key=lambda row: float(row["stamp"]), default=last)
-        found[track] = max(float(last["moving"]), float(seen["moving"]))
-    return found
 
 
 def tracks_of(room: ReplicaRoom, every: int = EVERY) -> list[dict[str, Any]]:

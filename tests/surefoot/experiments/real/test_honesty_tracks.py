@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from surefoot.evaluation.metrics.obstacles import likeliest_moving
 from surefoot.experiments.real import honesty_tracks
 from surefoot.experiments.real.replica_room import ReplicaRoom
 
@@ -24,7 +25,7 @@ def test_a_track_counts_by_its_end_and_by_its_last_detection():
         row(3, 0.0, 0.0, 0.1),
         row(3, 1.0, 0.0, 0.8),  # claimed at its end
     ]
-    assert honesty_tracks.probabilities(rows) == pytest.approx({1: 0.2, 2: 0.7, 3: 0.8})
+    assert likeliest_moving(rows) == pytest.approx({1: 0.2, 2: 0.7, 3: 0.8})
 
 
 def test_false_movers_are_counted_by_recording_and_in_all(tmp_path, monkeypatch):
@@ -50,4 +51,4 @@ def test_false_movers_are_counted_by_recording_and_in_all(tmp_path, monkeypatch)
 
 def test_no_track_of_the_ray_cast_office_is_claimed_to_move(recordings):
     entries = honesty_tracks.tracks_of(ReplicaRoom(recordings / "replica_office0"), every=125)
-    assert all(p <= 0.5 for p in honesty_tracks.probabilities(entries).values())
+    assert all(p <= 0.5 for p in likeliest_moving(entries).values())

@@ -1,0 +1,60 @@
+"""The writer of Parquet files; DuckDB reads and writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import duckdb
+import numpy as np
+
+from .schema import SCHEMA_VERSION, selection
+
+Values = Mapping[str, np.ndarray | Sequence[Any]]
+FORMAT = f"FORMAT parquet, COMPRESSION zstd, KV_METADATA {{surefoot_schema: '{SCHEMA_VERSION}'}}"
+
+
+def connect(threads: int | None = None) -> duckdb.DuckDBPyConnection:
+    """A database in memory that loads no extensions and prints nothing.
+
+    Args:
+        threads: None: all cores.
+    """
+    options: dict[str, Any] = {
+        "autoinstall_known_extensions": False,
+        "autoload_known_extensions": False,
+    }
+    if threads is not None:
+        options["threads"] = threads
+    database = duckdb.connect(":memory:", config=options)
+    database.execute("SET enable_progress_bar = false")
+    return database
+
+
+def quoted(text: object) -> str:
+    """A text as SQL."""
+    return "'" + str(text).replace("'", "''") + "'"
+
+
+def write(database: duckdb.DuckDBPyConnection, table: str, values: Values, path: Path) -> None:
+    """Write the rows of a table; the same rows give the same bytes on one thread.
+
+    Args:
+        database: Of `connect`.
+        table: Name of the table in the schema.
+        values: Columns by name, of equal length; NaN and None are NULL, lists and maps are JSON.
+        path: The file; it is written in place.
+    """
+    database.register("given", {name: _array(column) for name, column in values.items()})
+    database.execute(f"COPY (SELECT {selection(table)} FROM given) TO {quoted(path)} ({FORMAT})")
+    database.unregister("given")
+
+
+def _array(column: np.ndarray | Sequence[Any]) -> np.ndarray:
+    """An array that DuckDB reads; text and None stay objects."""
+    if isinstance(column, np.ndarray):
+        return column
+    found = np.empty(len(column), dtype=object)
+    found[:] = column
+    return found
