@@ -36,6 +36,7 @@ REQUIRED = {
     "gtsam": "no smoothing, no panorama, no map of a recording without poses",
     "filterpy": "the filter engine filterpy is missing; ours is the default",
     "matplotlib": "no figures and no report",
+    "duckdb": "no run can be written, nor asked in SQL",
     "pybullet": "no simulation of camera images and of the dynamic body",
 }
 """Distribution that surefoot requires, to what does not work without it."""

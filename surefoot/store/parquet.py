@@ -46,8 +46,22 @@ def write(database: duckdb.DuckDBPyConnection, table: str, values: Values, path:
         values: Columns by name, of equal length; NaN and None are NULL, lists and maps are JSON.
         path: The file; it is written in place.
     """
+    copy(database, values, path, selection(table))
+
+
+def copy(
+    database: duckdb.DuckDBPyConnection, values: Values, path: Path, selected: str = "*"
+) -> None:
+    """Write columns of equal length as a Parquet file.
+
+    Args:
+        database: Of `connect`.
+        values: Columns by name.
+        path: The file; it is written in place.
+        selected: What to select of the columns, in SQL.
+    """
     database.register("given", {name: _array(column) for name, column in values.items()})
-    database.execute(f"COPY (SELECT {selection(table)} FROM given) TO {quoted(path)} ({FORMAT})")
+    database.execute(f"COPY (SELECT {selected} FROM given) TO {quoted(path)} ({FORMAT})")
     database.unregister("given")
 
 

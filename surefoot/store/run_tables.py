@@ -31,10 +31,8 @@ from ..results.tables import Table
 from ..results.tracking import TRACKING
 from . import parquet
 from .run_metrics import metrics_row
-from .schema import SCHEMA_VERSION, STATE, TABLES
+from .schema import FOLDER, SCHEMA_VERSION, STATE, TABLES
 
-FOLDER = "tables"
-COMMIT = f"{FOLDER}/runs.parquet"
 SAME_S = 1e-6  # stamps of TUM text are rounded
 
 Columns = dict[str, Any]

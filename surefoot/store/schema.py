@@ -10,6 +10,9 @@ from typing import NamedTuple
 
 SCHEMA_VERSION = 1
 """Rises when a column changes its name, type or meaning; new columns do not raise it."""
+FOLDER = "tables"  # in a run folder
+COMMIT = f"{FOLDER}/runs.parquet"
+"""Is written last: a run has tables if it is there."""
 RUN = "run"
 PLANE = ("P00", "P01", "P02", "P11", "P12", "P22")
 POSE = ("P_xx", "P_xy", "P_xyaw", "P_yy", "P_yyaw", "P_yawyaw")

@@ -17,8 +17,8 @@ import pytest
 
 from surefoot.results.run_folder import RunFolder
 from surefoot.store.run_metrics import metrics_row
-from surefoot.store.run_tables import COMMIT, write_run_tables
-from surefoot.store.schema import PLANE, POSE, TABLES
+from surefoot.store.run_tables import write_run_tables
+from surefoot.store.schema import COMMIT, PLANE, POSE, TABLES
 
 
 def asked(run, sql):
