@@ -15,7 +15,7 @@ from .quickstart import quickstart
 from .recording_verbs import calibrate_noise, map_verb, monocular, panorama
 from .run_verbs import process, simulate, smooth, soak
 from .share_verbs import export, film
-from .store_verbs import query
+from .store_verbs import compare, query
 from .study_verbs import bench, completion, doctor, evaluate, replay, settings, view
 from .terminal import Verbs
 
@@ -49,6 +49,6 @@ def main(debug: bool) -> None:
 
 for _verb in (
     quickstart, simulate, soak, process, smooth, map_verb, panorama, monocular, calibrate_noise,
-    evaluate, query, view, replay, film, export, experiment, reproduce, bench, settings, doctor, completion,
+    evaluate, query, compare, view, replay, film, export, experiment, reproduce, bench, settings, doctor, completion,
 ):  # fmt: skip
     main.add_command(_verb)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from .options import PATH, json_option
+from .options import PATH, Number, json_option
 
 MOST_ROWS = 100  # ours: of an answer, on the terminal
 
@@ -65,6 +65,45 @@ def query(
         click.echo(json.dumps(rows, indent=1))
     else:
         click.echo("\n".join(answers.lines(answer, MOST_ROWS)))
+
+
+@click.command()
+@click.argument("first", type=PATH)
+@click.argument("others", type=PATH, nargs=-1, required=True, metavar="OTHER...")
+@click.option("--out", type=PATH, metavar="FILE.html", help="The page; default runs/compare.html.")
+@click.option(
+    "--alarm",
+    type=Number(min=0.0, max=0.5, min_open=True),
+    help="Rate of false alarms, over all figures of a comparison; default 0.0025.",
+)
+@json_option
+def compare(
+    first: Path, others: tuple[Path, ...], out: Path | None, alarm: float | None, as_json: bool
+) -> None:
+    """Compare the runs in every OTHER folder with those in FIRST: over the same recordings, or scenes and seeds.
+
+    \b
+    Folders of runs, batches, or single runs, made by two versions or with two settings. Figures are compared pair by
+    pair, with intervals; the page shows the worst cases side by side.
+    Examples:
+      surefoot compare runs/before runs/after
+      surefoot compare runs/default runs/far runs/near --out reach.html
+    """
+    from ..results.formats import plain_json
+    from ..store import compare_page
+    from ..store.comparison import ALARM
+    from ..store.comparison import compare as measure
+
+    found = measure((first, *others), _notice, ALARM if alarm is None else alarm)
+    path = Path("runs") / "compare.html" if out is None else out
+    path.parent.mkdir(parents=True, exist_ok=True)
+    compare_page.write_page(found, path, lambda text: None)
+    if as_json:
+        click.echo(json.dumps([plain_json(one.content()) for one in found], indent=1))
+        return
+    for one in found:
+        click.echo("\n".join(compare_page.lines(one)))
+    click.echo(f"page: {path}")
 
 
 def _notice(text: str) -> None:

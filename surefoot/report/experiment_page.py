@@ -46,16 +46,16 @@ def page(result: Mapping[str, Any], verdicts: Sequence[Mapping[str, Any]], pictu
     body = [
         f'<p class="soft">{html.escape(_subtitle(result))}</p>',
         _paper(result),
-        _section("Result", _picture(pictures, shown[0])),
-        _section("Targets", _targets(result, verdicts)),
-        _section("The paper, its method here, and ours", _columns(result)),
-        _section("More pictures", "\n".join(drawn[1:])),
-        _section("As printed by the experiment", _pre("\n".join(result["table"]))),
-        _section("What is measured, and how", _paragraphs(result["about"])),
-        _section("Again", _pre(result["command"]) + _files(result)),
-        _section("", f"<details><summary>All figures</summary>{_figures(result)}</details>"),
+        section("Result", _picture(pictures, shown[0])),
+        section("Targets", _targets(result, verdicts)),
+        section("The paper, its method here, and ours", _columns(result)),
+        section("More pictures", "\n".join(drawn[1:])),
+        section("As printed by the experiment", _pre("\n".join(result["table"]))),
+        section("What is measured, and how", _paragraphs(result["about"])),
+        section("Again", _pre(result["command"]) + _files(result)),
+        section("", f"<details><summary>All figures</summary>{_figures(result)}</details>"),
     ]
-    return _filled(f"{result['id']}: {result['title']}", good, words, body)
+    return filled(f"{result['id']}: {result['title']}", good, words, body)
 
 
 def index(
@@ -81,7 +81,7 @@ def index(
             ("rest", [_without(card) for card in many if "link" not in card]),
         ):
             body += [f'<ul class="{kind}">', *rows, "</ul>"] if rows else []
-    return _filled(title, None if run < len(cards) else good == len(cards), words, body)
+    return filled(title, None if run < len(cards) else good == len(cards), words, body)
 
 
 def headline(verdicts: Sequence[Mapping[str, Any]]) -> tuple[bool | None, str]:
@@ -94,7 +94,15 @@ def headline(verdicts: Sequence[Mapping[str, Any]]) -> tuple[bool | None, str]:
     return (None if left and met == len(measured) else met == len(verdicts)), words
 
 
-def _filled(title: str, good: bool | None, verdict: str, body: Sequence[str]) -> str:
+def filled(title: str, good: bool | None, verdict: str, body: Sequence[str]) -> str:
+    """A page in the style of the reports.
+
+    Args:
+        title: Heading.
+        good: Colour of the verdict; None: neither.
+        verdict: Its words.
+        body: Parts as HTML.
+    """
     room = resources.files(__package__)
     found = re.search(r"<style>\n(.*?)</style>", room.joinpath("report_page.html").read_text("utf-8"), re.DOTALL)  # fmt: skip
     assert found is not None, "the report of a run has a style"
@@ -131,7 +139,7 @@ def _paper(result: Mapping[str, Any]) -> str:
     return words + (source if result["source"] else "")
 
 
-def _section(heading: str, body: str) -> str:
+def section(heading: str, body: str) -> str:
     """A section; nothing if its body is empty."""
     head = f"<h2>{html.escape(heading)}</h2>\n" if heading else ""
     return f"<section>\n{head}{body}\n</section>" if body else ""
@@ -175,7 +183,7 @@ def _targets(result: Mapping[str, Any], verdicts: Sequence[Mapping[str, Any]]) -
         )
     header = ("figure", "verdict", "measured", "target", "paper", "95 % interval")
     said = f'<p class="soft">{html.escape(result["intervals_said"])}</p>'
-    return (_table(header, rows) + said) if rows else ""
+    return (numbers_table(header, rows) + said) if rows else ""
 
 
 def _columns(result: Mapping[str, Any]) -> str:
@@ -185,7 +193,7 @@ def _columns(result: Mapping[str, Any]) -> str:
         cells = [_number(figures.get(k)) if k else "" for k in names]
         paper = "none printed" if paper is None else _number(paper)
         rows.append((html.escape(words), paper, *cells))
-    return _table(("", "paper", "its method here", "ours"), rows) if rows else ""
+    return numbers_table(("", "paper", "its method here", "ours"), rows) if rows else ""
 
 
 def _figures(result: Mapping[str, Any]) -> str:
@@ -193,7 +201,7 @@ def _figures(result: Mapping[str, Any]) -> str:
         (f"<code>{html.escape(name)}</code>", _number(value), _number(result["published"].get(name)), _span(result, name))
         for name, value in result["figures"].items()
     ]  # fmt: skip
-    return _table(("figure", "measured", "paper", "95 % interval"), rows)
+    return numbers_table(("figure", "measured", "paper", "95 % interval"), rows)
 
 
 def _files(result: Mapping[str, Any]) -> str:
@@ -206,7 +214,7 @@ def _files(result: Mapping[str, Any]) -> str:
     return f'<div class="tablewrap"><table>{body}</table></div>'
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def numbers_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table of HTML cells; all but the first column are numbers, and a column without any is left out."""
     kept = [k for k in range(len(header)) if not k or any(row[k] != NO_NUMBER for row in rows)]
     header, rows = [header[k] for k in kept], [[row[k] for k in kept] for row in rows]

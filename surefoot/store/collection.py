@@ -248,7 +248,7 @@ def _write_part(
             _fill(stage, replaced, stale, place, [run for run in new if run not in bad])
         members |= {run: (found[run], run in bad) for run in new}
         database = parquet.connect(threads=1)
-        rows = {
+        rows: parquet.Values = {
             RUN: list(members),
             "written_ns": [written for written, _ in members.values()],
             "damaged": [one for _, one in members.values()],

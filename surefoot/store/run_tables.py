@@ -132,7 +132,7 @@ def _run_row(run: RunFolder, settings: Mapping[str, Any]) -> dict[str, Any]:
         "kind": summary.get("kind"),
         "name": summary.get("name"),
         "recording": summary.get("recording") or None,
-        "recording_hash": summary.get("recording_identity"),
+        "recording_hash": summary.get("recording_identity") or None,
         "scene": settings.get("scene") if simulated else None,
         "seed": settings.get("seed"),
         "config_hash": None if config is None else hashlib.sha256(config.encode()).hexdigest(),
