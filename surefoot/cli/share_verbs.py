@@ -31,25 +31,43 @@ def film(run: Path, out: Path | None) -> None:
 
 
 @click.command()
-@click.argument("run", type=PATH)
+@click.argument("runs", type=PATH, nargs=-1, required=True, metavar="RUN...")
 @click.option("--rerun", type=PATH, metavar="FILE.rrd", help="For the Rerun viewer (extra rerun).")
 @click.option("--layout", type=PATH, metavar="FILE.json", help="Layout of panels for Foxglove.")
-def export(run: Path, rerun: Path | None, layout: Path | None) -> None:
-    """Write the estimates of RUN for other viewers.
+@click.option(
+    "--lerobot",
+    type=PATH,
+    metavar="FOLDER",
+    help="LeRobotDataset v3.0, one episode per RUN: state, action, pictures, estimates with covariances.",
+)
+def export(
+    runs: tuple[Path, ...], rerun: Path | None, layout: Path | None, lerobot: Path | None
+) -> None:
+    """Write the estimates of RUN for other viewers, or of many RUNs as a dataset for learning.
 
     \b
     Foxglove opens estimates.mcap of the run folder itself; the layout arranges its panels.
     Examples:
       surefoot export runs/home-1 --rerun home.rrd
       surefoot export runs/home-1 --layout foxglove.json
+      surefoot export runs/home-1 runs/home-2 --lerobot datasets/home
     """
     from ..report import viewers
     from ..results.run_folder import RunFolder
 
-    folder = RunFolder.open(run)
-    if rerun is None and layout is None:
-        raise InputError("nothing to export; give --rerun FILE.rrd or --layout FILE.json")
+    folder, *others = [RunFolder.open(run) for run in runs]
+    if rerun is None and layout is None and lerobot is None:
+        raise InputError(
+            "nothing to export; give --rerun FILE.rrd, --layout FILE.json or --lerobot FOLDER"
+        )
+    if others and (rerun is not None or layout is not None):
+        raise InputError("--rerun and --layout take one RUN; --lerobot takes many")
     if layout is not None:
         click.echo(f"layout: {viewers.write_layout(layout)}")
     if rerun is not None:
         click.echo(f"rerun: {viewers.write_rerun(folder, rerun)}")
+    if lerobot is not None:
+        from ..store.lerobot import export as write
+
+        made = write([folder, *others], lerobot, lambda text: click.echo(text, err=True))
+        click.echo(f"LeRobotDataset: {made}")

@@ -281,7 +281,7 @@ def _fill(
             selects += _of_runs(table, place, new)
             rows = " UNION ALL BY NAME ".join(f"({one})" for one in selects)
             database.execute(
-                f"COPY (FROM ({rows})) TO {parquet.quoted(stage / f'{table}.parquet')} ({parquet.FORMAT})"
+                f"COPY (FROM ({rows})) TO {parquet.quoted(stage / f'{table}.parquet')} ({parquet.form()})"
             )
     finally:
         database.close()

@@ -12,7 +12,7 @@ import numpy as np
 from .schema import SCHEMA_VERSION, selection
 
 Values = Mapping[str, np.ndarray | Sequence[Any]]
-FORMAT = f"FORMAT parquet, COMPRESSION zstd, KV_METADATA {{surefoot_schema: '{SCHEMA_VERSION}'}}"
+OWN = {"surefoot_schema": str(SCHEMA_VERSION)}
 
 
 def connect(threads: int | None = None) -> duckdb.DuckDBPyConnection:
@@ -30,6 +30,12 @@ def connect(threads: int | None = None) -> duckdb.DuckDBPyConnection:
     database = duckdb.connect(":memory:", config=options)
     database.execute("SET enable_progress_bar = false")
     return database
+
+
+def form(metadata: Mapping[str, str] = OWN) -> str:
+    """The options of a COPY that writes Parquet."""
+    pairs = ", ".join(f"{name}: {quoted(value)}" for name, value in metadata.items())
+    return f"FORMAT parquet, COMPRESSION zstd, KV_METADATA {{{pairs}}}"
 
 
 def quoted(text: object) -> str:
@@ -50,7 +56,11 @@ def write(database: duckdb.DuckDBPyConnection, table: str, values: Values, path:
 
 
 def copy(
-    database: duckdb.DuckDBPyConnection, values: Values, path: Path, selected: str = "*"
+    database: duckdb.DuckDBPyConnection,
+    values: Values,
+    path: Path,
+    selected: str = "*",
+    metadata: Mapping[str, str] = OWN,
 ) -> None:
     """Write columns of equal length as a Parquet file.
 
@@ -59,9 +69,10 @@ def copy(
         values: Columns by name.
         path: The file; it is written in place.
         selected: What to select of the columns, in SQL.
+        metadata: Of the file.
     """
     database.register("given", {name: _array(column) for name, column in values.items()})
-    database.execute(f"COPY (SELECT {selected} FROM given) TO {quoted(path)} ({FORMAT})")
+    database.execute(f"COPY (SELECT {selected} FROM given) TO {quoted(path)} ({form(metadata)})")
     database.unregister("given")
 
 
