@@ -73,9 +73,9 @@ def write_page(comparisons: Sequence[Comparison], path: Path, say: Say) -> Path:
 
 def _method(one: Comparison) -> str:
     return (
-        f"{len(one.pairs)} pairs of runs over the same recordings or seeds. Change: Hodges-Lehmann estimate of the "
+        f"{len(one.pairs)} pairs of runs over the same recordings or seeds. Change: estimate of the typical "
         "paired differences (ratios where all values are positive) with its 95 % interval. A figure is called better or "
-        "worse if Wilcoxon's signed rank test, with Holm's correction over all figures, leaves less than "
+        "worse if the signed rank test with winsorised ranks and Holm's correction over all figures leaves less than "
         f"{one.alarm:g} for chance."
     )
 

@@ -13,7 +13,8 @@ in A/A comparisons, and of 95 % intervals that hold the planted change. `t_test_
 the logarithms finds at the same level, as a peer: runs that go astray take its power. `smallest_at_1_percent` is the
 change that is found nine times of ten if runs scatter by 1 %.
 
-Parameters were chosen on seeds from 1000 on; this reports on seeds from 0 on.
+The test was chosen on seeds below 2000 (Wilcoxon's, without winsorised ranks, found 19 of 20 there); this reports on seeds
+from 5000 on.
 
 Source: ours; the statistics: see `surefoot.store.paired`.
 """
@@ -30,7 +31,7 @@ from scipy import stats
 
 from ...report.plots import style
 from ...store.comparison import ALARM, WORSE, Judged, compared
-from ...store.paired import paired
+from ...store.paired import probability
 from ...store.sides import Side
 from ..support.experiment import Experiment, Outcome, Say, Target
 
@@ -44,6 +45,7 @@ WITH_ATE = ("position_rmse_m", "heading_rmse_deg", "rpe_1s_m", "pose_nees", "til
 OWN = ("ospa_m", "landmark_nis", "track_nis")
 COUNTS = ("false_movers", "contacts")
 MORE_DRAWS = 10
+FIRST_SEED = 5000  # of the judged draws
 SCATTERS = (0.005, 0.01, 0.02)
 CHANGES = np.linspace(0.0, 0.05, 11)
 POWER = 0.9
@@ -95,9 +97,10 @@ def t_test(seed: int, change: float) -> bool:
 
 def run(seeds: int, say: Say) -> Outcome:
     """Planted and A/A comparisons of n draws, and rates over ten times as many."""
-    more = range(seeds, seeds * (1 + MORE_DRAWS))
-    planted = [ate(seed, PLANTED) for seed in range(seeds)]
-    equal = [not compared(side(seed, 0), side(seed, 1)).found for seed in range(seeds)]
+    judged = range(FIRST_SEED, FIRST_SEED + seeds)
+    more = range(judged.stop, judged.stop + MORE_DRAWS * seeds)
+    planted = [ate(seed, PLANTED) for seed in judged]
+    equal = [not compared(side(seed, 0), side(seed, 1)).found for seed in judged]
     say("rates over more draws")
     alarms = [bool(compared(side(seed, 0), side(seed, 1)).found) for seed in more]
     others = [ate(seed, PLANTED) for seed in more]
@@ -139,8 +142,8 @@ def _powers(scatter: float, seeds: range, say: Say) -> np.ndarray:
             logs = [
                 np.log([row["ate_m"] for row in one.metrics.values()]) for one in (first, second)
             ]
-            one = paired(logs[1] - logs[0])
-            found += one.typical > 0.0 and figures * one.probability <= ALARM
+            apart = logs[1] - logs[0]
+            found += bool(np.median(apart) > 0.0 and figures * probability(apart) <= ALARM)
         shares.append(found / len(seeds))
     return np.array(shares)
 

@@ -23,6 +23,8 @@ from surefoot.cli.main import main
 from surefoot.cli.terminal import BAD_INPUT, FAILED, INTERRUPTED, Progress, exit_code, progress
 from surefoot.config import toml
 from surefoot.config.schema import Config
+from surefoot.recordings.identity import identity
+from surefoot.store.query import asker
 
 VERBS = (
     "quickstart",
@@ -332,6 +334,9 @@ def test_a_run_repeats_from_its_config(tmp_path, verb, words, expected, ends):
     assert summary["recording"] == str(WALK)
     assert summary["command"] == f"surefoot {verb} {WALK} --config {out / 'config.toml'}"
     assert (out / "report.html").is_file()
+    with asker([out], print) as tables:
+        asked = "SELECT kind, recording_hash, metrics.frames FROM runs JOIN metrics USING (run)"
+        assert tables.ask(asked).rows == [(verb, identity(WALK), summary["frames"])]
     code, shown = call(*summary["command"].split()[1:], "--out", again)
     assert code == ends, shown
     name = {"map": "mesh.ply", "panorama": "panorama.json"}[verb]

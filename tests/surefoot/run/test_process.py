@@ -17,6 +17,7 @@ from surefoot.results.run_folder import RunFolder
 from surefoot.results.tables import read_tum
 from surefoot.run.interrupt import stop_requested
 from surefoot.run.process import process
+from surefoot.store.query import asker
 
 WALK = Path(__file__).parents[3] / "data" / "walk"
 
@@ -43,6 +44,9 @@ def test_given_poses_are_the_trajectory_of_the_camera_in_space(kitchen, tmp_path
     np.testing.assert_allclose(found.positions, positions @ turn.T, atol=1e-9)
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["trajectory"] == "camera"
+    with asker([tmp_path / "run"], quiet) as tables:
+        rows = tables.ask("SELECT x_m, y_m, z_m FROM frames ORDER BY stamp_s").rows
+    np.testing.assert_allclose(rows, found.positions, atol=1e-9)
     assert len(RunFolder(tmp_path / "run").read_csv("space_covariance.csv")) == len(frames)
 
 

@@ -14,6 +14,7 @@ from surefoot.recordings.robot_log import open_robot_log, robot_files
 from surefoot.results.moments import read_moments
 from surefoot.results.run_folder import RunFolder
 from surefoot.run.process import process
+from surefoot.store.query import asker
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +49,10 @@ def test_a_range_log_becomes_a_trajectory_with_states_and_truth(beacons, tmp_pat
     assert any(note.startswith("lost for") for note in summary.notes)
     assert run.read_json("metrics.json")["pose_anees"] < 9.0
     assert run.has("report.html")
+    with asker([run.root], print) as tables:
+        counted = tables.ask("SELECT state, count(*), count(x_m) FROM frames GROUP BY state").rows
+    lost, tracked = words.count("lost"), words.count("tracked")
+    assert sorted(counted) == [("lost", lost, 0), ("tracked", tracked, tracked)]
     assert run.has("replay.html")
     by_stamp = dict(zip(states.numbers("stamp_s").tolist(), words, strict=True))
     moments = list(read_moments(run))

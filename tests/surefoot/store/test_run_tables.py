@@ -120,7 +120,7 @@ while True:
 
 
 def test_a_writer_that_is_killed_leaves_tables_that_can_be_read(run):
-    for delay_s in (0.0, 0.013, 0.029, 0.047):
+    for delay_s in (0.013, 0.037):
         writer = subprocess.Popen(
             [sys.executable, "-c", WRITER, str(run.root)], stdout=subprocess.PIPE
         )
