@@ -44,6 +44,7 @@ REQUIRED = {
 EXTRAS = {
     "rerun": ("rerun-sdk",),
     "batch": ("dask", "distributed"),
+    "cloud": ("fsspec", "s3fs"),
     "docs": ("ipykernel", "myst-nb", "pydata-sphinx-theme", "sphinx"),
     "bench": (
         "connected-components-3d",
@@ -73,7 +74,8 @@ EXTRAS = {
 
 COSTS = {
     "rerun": "no file of rerun (export --rerun)",
-    "batch": "recordings are processed one at a time",
+    "batch": "no cluster for `surefoot batch` (--scheduler)",
+    "cloud": "no recordings at addresses such as s3://...",
     "docs": "`make docs` does not run",
     "bench": "`surefoot bench` runs without these comparisons",
     "dev": "the tests or `make lint` do not run",

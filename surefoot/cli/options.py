@@ -78,19 +78,21 @@ def _keep_reader(context: click.Context, parameter: click.Parameter, value: str 
     context.meta[READER] = value
 
 
+reader_option = click.option(
+    "--reader",
+    metavar="NAME",
+    expose_value=False,
+    callback=_keep_reader,
+    help="Your own reader of recordings, package.module:Class.",
+)
+
+
 def description_option(verb: Callable[..., None]) -> Callable[..., None]:
     """The options that say how to read a recording: --description and --reader."""
     described = click.option(
         "--description", type=PATH, help="A recording.toml that is not in the recording's folder."
     )
-    read = click.option(
-        "--reader",
-        metavar="NAME",
-        expose_value=False,
-        callback=_keep_reader,
-        help="Your own reader of recordings, package.module:Class.",
-    )
-    return described(read(verb))
+    return described(reader_option(verb))
 
 
 ignore_poses_option = click.option(
@@ -116,18 +118,19 @@ def settings(
 
     A recording of `simulate --record` has by default the settings with which it was walked.
     """
-    from ..config.load import load
+    from ..config.load import load, own_settings
 
-    walked = recording is not None and (recording / "recording.mcap").is_file()
-    if recording is not None and walked and config_path is None:
-        own = recording / "config.toml"
-        config_path = own if own.is_file() else None
+    if recording is not None and config_path is None:
+        config_path = own_settings(recording)
+    return load(config_path, all_overrides(overrides, ignore_poses))
+
+
+def all_overrides(overrides: tuple[str, ...], ignore_poses: bool) -> tuple[str, ...]:
+    """Single settings with those that have options of their own: --ignore-poses and --reader."""
     if ignore_poses:
         overrides = (*overrides, "ignore_poses=true")
     reader = click.get_current_context().meta.get(READER)
-    if reader is not None:
-        overrides = (*overrides, f"reader={reader}")
-    return load(config_path, overrides)
+    return overrides if reader is None else (*overrides, f"reader={reader}")
 
 
 def against_truth(folder: RunFolder) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import shlex
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ import click
 
 from perception.primitives.errors import InputError
 
+from .batch_verbs import Seeds, Workers, simulate_all, workers_options
 from .options import (
     PATH,
     Number,
@@ -29,7 +29,6 @@ from .options import (
 from .terminal import FAILED, INTERRUPTED, open_in_browser, progress
 
 if TYPE_CHECKING:
-    from ..config.schema import Config
     from ..report.live_view import LivePage
     from ..run.summary import Summary
 
@@ -79,10 +78,17 @@ if TYPE_CHECKING:
     metavar="NAME[:VALUE]",
     help="Fault of a sensor, the clock or a foot, from 8 to 14 s; may be repeated (docs/howto/faults.md).",
 )
+@click.option(
+    "--seeds",
+    type=Seeds(),
+    metavar="A:B",
+    help="A batch: one walk for each seed from A to B - 1; goes with --out and the options of `surefoot batch`.",
+)
 @smooth_option
 @out_option
 @config_option
 @set_option
+@workers_options
 @json_option
 def simulate(
     scene: str | None,
@@ -95,10 +101,12 @@ def simulate(
     watch: bool,
     wander: float | None,
     faults: tuple[str, ...],
+    seeds: range | None,
     smooth_lag_s: float | None,
     out: Path | None,
     config_path: Path | None,
     overrides: tuple[str, ...],
+    workers: Workers,
     as_json: bool,
 ) -> None:
     """Walk a simulated humanoid through SCENE by its sensors alone.
@@ -110,6 +118,7 @@ def simulate(
       surefoot simulate home --wander 300    explore for five minutes
       surefoot simulate home --difficulty 1  more obstacles, narrower and faster
       surefoot simulate home --fault frozen --fault dropped:0.2     what the robot notices, and does
+      surefoot simulate home --seeds 1000:2000 --out runs/homes     a thousand homes, as a batch
       surefoot simulate --config runs/seven/config.toml     repeat a run
     """
     from ..config.load import load
@@ -127,6 +136,14 @@ def simulate(
         overrides = (*overrides, "mission.wander=true", f"mission.time_limit_s={wander}")
     if faults:
         overrides = (*overrides, f"faults.inject={json.dumps(faults)}")
+    if seeds is not None:
+        if watch or smooth_lag_s is not None or seed is not None or out is None:
+            raise InputError(
+                "--seeds needs --out, and goes with neither --seed nor --view nor --smooth"
+            )
+        load(config_path, overrides, scene=scene)  # what is wrong is said once
+        simulate_all(scene, seeds, out, config_path, overrides, record, workers, as_json)
+        return
     config = load(config_path, overrides, scene=scene, seed=seed)
     page = _live_page() if watch else None
     with progress() as say:
@@ -174,11 +191,9 @@ def soak(
 
 
 @click.command()
-@click.argument("recordings", type=PATH, nargs=-1, required=True, metavar="RECORDING...")
+@click.argument("recording", type=PATH)
 @description_option
 @ignore_poses_option
-@click.option("--workers", type=click.IntRange(min=1), help="Processes for many recordings.")
-@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler for many recordings.")
 @click.option(
     "--resume",
     is_flag=True,
@@ -190,11 +205,9 @@ def soak(
 @set_option
 @json_option
 def process(
-    recordings: tuple[Path, ...],
+    recording: Path,
     description: Path | None,
     ignore_poses: bool,
-    workers: int | None,
-    scheduler: str | None,
     resume: bool,
     smooth_lag_s: float | None,
     out: Path | None,
@@ -202,42 +215,32 @@ def process(
     overrides: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Process RECORDING: a folder, an .mcap, .bag, .db3 or .pcd file; or many, and folders of them.
+    """Process RECORDING: a folder, or an .mcap, .bag, .db3 or .pcd file.
 
     \b
     It reads recordings of `simulate --record`, ROS 1 and ROS 2 bags, TUM RGB-D, ICL-NUIM, 7-Scenes, EuRoC,
     Redwood / Open3D and Replica folders, RealSense folders, organised PCD files, and any folder of depth images
     with a recording.toml. It also reads logs of wheeled robots, and localises them: MRCLAM folders (or one robot's
-    Robot<n>_Odometry.dat) and Plaza .mat files. Many recordings are processed in parallel; the same command
-    continues an unfinished batch.
+    Robot<n>_Odometry.dat) and Plaza .mat files. `surefoot batch process` does many.
     Examples:
       surefoot process data/walk
       surefoot process ~/rgbd_dataset_freiburg3_cabinet --out runs/cabinet
       surefoot process ~/rgbd_dataset_freiburg3_cabinet --ignore-poses
-      surefoot process ~/recordings --out runs/all --workers 8
+      surefoot batch process ~/recordings --out runs/all
       surefoot process data/walk --smooth inf          poses smoothed over the whole walk (GTSAM)
     \b
     A recording of `simulate --record` has by default the settings with which it was walked (its config.toml).
     """
-    from ..recordings.open import holds_recording
     from ..results.run_folder import RunFolder
     from ..run.process import process as run
 
     if resume and out is None:
         raise InputError("--resume needs --out, the folder of the interrupted run")
-    one = recordings[0]
-    config = settings(one if len(recordings) == 1 else None, config_path, overrides, ignore_poses)
-    several = one.is_dir() and not holds_recording(one) and description is None and _holds_more(one)
-    if len(recordings) > 1 or several or workers or scheduler:
-        for word, given in (("--description", description), ("--smooth", smooth_lag_s)):
-            if given is not None:
-                raise InputError(f"{word} goes with a single recording")
-        _process_all(recordings, out, config, workers, scheduler, as_json)
-        return
+    config = settings(recording, config_path, overrides, ignore_poses)
     with progress() as say:
-        summary = run(one, description, config, out, say, resume)
+        summary = run(recording, description, config, out, say, resume)
     _smooth(summary, smooth_lag_s)
-    words = ["surefoot", "process", str(one), "--out", str(summary.folder), "--resume"]
+    words = ["surefoot", "process", str(recording), "--out", str(summary.folder), "--resume"]
     words += ["--config", str(summary.folder / "config.toml")]
     if description is not None:
         words += ["--description", str(description)]
@@ -270,41 +273,6 @@ def smooth(run: Path, lag_s: float | None) -> None:
     folder = RunFolder.open(run)
     poses = smooth_run(folder, lag_s)
     click.echo(f"{len(poses)} poses: {folder.path('smoothed.txt')}")
-
-
-def _holds_more(place: Path) -> bool:
-    """Whether a subfolder is a recording, or the folder holds the logs of several robots."""
-    from ..recordings.open import holds_recording
-    from ..recordings.robot_log import robot_files
-
-    return len(robot_files(place)) > 1 or any(
-        holds_recording(child) for child in place.rglob("*") if child.is_dir()
-    )
-
-
-def _process_all(
-    recordings: tuple[Path, ...],
-    out: Path | None,
-    config: Config,
-    workers: int | None,
-    scheduler: str | None,
-    as_json: bool,
-) -> None:
-    from ..run import batch
-
-    folder = out or Path("runs") / "batch"
-    try:
-        with progress() as say:
-            rows = batch.process_all(recordings, folder, config, say, workers, scheduler)
-    except KeyboardInterrupt:
-        click.echo("interrupted; the same command processes the remaining recordings", err=True)
-        click.get_current_context().exit(INTERRUPTED)
-    if as_json:
-        click.echo(json.dumps([asdict(row) for row in rows], indent=2))
-    else:
-        click.echo("\n".join([*batch.lines(rows), f"table: {folder / batch.TABLE}"]))
-    if any(row.status == batch.FAILED for row in rows):
-        click.get_current_context().exit(FAILED)
 
 
 def _smooth(summary: Summary, lag_s: float | None) -> None:

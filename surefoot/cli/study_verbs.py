@@ -141,8 +141,9 @@ def _judge(
     help="Follow RUN while another process writes it, or look through one that is over; until Ctrl-C.",
 )
 def view(run: Path, live: bool) -> None:
-    """Open the report of RUN in the browser; with --live, the page of `simulate --view`."""
-    from ..results.run_folder import RunFolder
+    """Open the report of RUN in the browser, or the page of a batch; with --live, the page of `simulate --view`."""
+    from ..report.batch_page import INDEX
+    from ..results.run_folder import BATCH, RunFolder
 
     folder = RunFolder.open(run)
     if live:
@@ -154,7 +155,7 @@ def view(run: Path, live: bool) -> None:
         open_in_browser(page.address)
         page.stay()
         return
-    report = folder.path("report.html")
+    report = folder.path(INDEX if folder.kind == BATCH else "report.html")
     if not report.is_file():
         from ..report.page import write_report
 

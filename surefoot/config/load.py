@@ -14,6 +14,12 @@ DECIDING = ("scene", "robot", "mission")
 """Parts of a configuration that choose the defaults of the others."""
 
 
+def own_settings(recording: Path) -> Path | None:
+    """The settings that a recording of `simulate --record` was walked with; None for any other."""
+    own = recording / "config.toml"
+    return own if own.is_file() and (recording / "recording.mcap").is_file() else None
+
+
 def load(
     path: Path | None,
     overrides: Sequence[str] = (),

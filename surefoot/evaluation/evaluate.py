@@ -17,7 +17,6 @@ from perception.primitives.errors import InputError
 
 from ..results.run_folder import (
     BATCH,
-    BATCH_TABLE,
     COVARIANCE_HEADER,
     ERRORS,
     MAP,
@@ -63,7 +62,6 @@ from .metrics.trajectory import (
 MIN_POSES = 5  # ours: with fewer poses an alignment leaves hardly any error
 
 _OWN_AXES = ("position_rmse_m", "position_max_m", "heading_rmse_deg", "heading_max_deg")
-_BY_RUN = ("duration_s", "path_m", "position_rmse_m", "ate_aligned_m")  # of every run of a batch
 
 
 def evaluate(
@@ -75,7 +73,7 @@ def evaluate(
     """Compute all possible figures of a run and write metrics.json.
 
     Args:
-        run: A run of any kind; of a batch, every run is evaluated.
+        run: A run of any kind.
         truth: Trajectory in TUM or EuRoC text, used instead of the run's own truth/. Its axes and its body point may
             differ from those of the run, so only errors after alignment are measured, and the consistency of
             the covariances only if the truth is a trajectory of the same camera.
@@ -84,9 +82,8 @@ def evaluate(
         truth_sigma: Standard deviations of the given truth itself, m and rad.
 
     Returns:
-        Names and values of the figures. All are numbers but "timing_ms" (stage: p50, p95, max), "by_run" (run of
-        a batch: figures) and "note" (what cannot be judged for this kind of run). `surefoot.evaluation.metrics`
-        documents them.
+        Names and values of the figures. All are numbers but "timing_ms" (stage: p50, p95, max) and "note" (what
+        cannot be judged for this kind of run). `surefoot.evaluation.metrics` documents them.
 
     Raises:
         InputError, RecordingError: A file cannot be read, or the given truth has no stamp in common with the run.
@@ -94,7 +91,9 @@ def evaluate(
     """
     kind = run.kind
     if kind == BATCH:
-        return _evaluate_batch(run, truth, surface)
+        raise InputError(
+            f"{run.root} is a batch of runs; `surefoot batch evaluate {run.root}` evaluates them"
+        )
     summary = run.read_json("summary.json") or {}
     estimate = run.read_trajectory("trajectory.txt")
     true = (
@@ -200,29 +199,6 @@ def _kind_metrics(run: RunFolder, kind: str) -> dict[str, Any]:
         figures["note"] = f"{judged}; obstacles and their motion are not judged"
         return figures
     return {}
-
-
-def _evaluate_batch(run: RunFolder, truth: Path | None, surface: Path | None) -> dict[str, Any]:
-    """Evaluate every run of a batch."""
-    if truth is not None or surface is not None:
-        raise InputError(
-            f"{run.root} is a batch of runs; --truth and --surface need one of its runs"
-        )
-    table = run.read_csv(BATCH_TABLE)
-    folders = [] if table is None else table.words("run")
-    by_run = {}
-    for path in folders:
-        one = RunFolder(run.root / Path(path).name)
-        if path and one.root.is_dir():
-            found = evaluate(one)
-            by_run[one.root.name] = {name: found[name] for name in _BY_RUN if name in found}
-    metrics = {
-        "runs": float(len(folders)),
-        "runs_failed": float(sum(not path for path in folders)),
-        "by_run": by_run,
-    }
-    run.write_json("metrics.json", metrics)
-    return metrics
 
 
 def _surface(run: RunFolder, surface: Path, moved: Alignment | None) -> dict[str, float]:

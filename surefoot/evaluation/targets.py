@@ -109,8 +109,6 @@ _UNTARGETED = (  # words, figure, format
     ("frames with a depth image to compare with", "frames_judged", "{:.0f}"),
     ("floor by colour against depth, IoU, median", "floor_iou_median", "{:.3f}"),
     ("floor by colour against depth, IoU, smallest", "floor_iou_min", "{:.3f}"),
-    ("runs", "runs", "{:.0f}"),
-    ("runs failed", "runs_failed", "{:.0f}"),
 )
 
 
@@ -145,7 +143,7 @@ def closing_table(metrics: dict[str, Any]) -> str:
     ]
     if metrics.get("interrupted"):
         lines.append("the run was interrupted: the figures are those of its first part")
-    if not judged and not note and "by_run" not in metrics:
+    if not judged and not note:
         lines.append("no ground truth in the axes of this run: no targets to check")
     return "\n".join(lines + note)
 
@@ -167,7 +165,4 @@ def _untargeted(metrics: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append(
             ("time per frame, median / 95 %", f"{total['p50']:.0f} / {total['p95']:.0f} ms")
         )
-    for run, figures in metrics.get("by_run", {}).items():
-        shown = ", ".join(f"{name} {value:.3g}" for name, value in figures.items())
-        rows.append((run, shown or "no figures"))
     return rows

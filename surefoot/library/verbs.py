@@ -12,7 +12,7 @@ import tomli_w
 from perception.primitives import plugins
 from perception.primitives.errors import InputError
 
-from ..config.load import load
+from ..config.load import load, own_settings
 from ..config.schema import Config
 from .run_results import Run, opened
 
@@ -100,7 +100,7 @@ def process(
     from ..run.process import process as run
 
     path = Path(recording)
-    asked = _config(_own_config(path) if config is None else config, settings)
+    asked = _config(own_settings(path) if config is None else config, settings)
     folder, temporary = _folder(out)
     run(path, None if description is None else Path(description), asked, folder, say or _silent)
     return opened(folder, temporary)
@@ -217,7 +217,7 @@ def _offline(
     from ..offline.job import Job
 
     path = Path(recording)
-    asked = _config(_own_config(path) if config is None else config, settings)
+    asked = _config(own_settings(path) if config is None else config, settings)
     folder, temporary = _folder(out)
     given = None if description is None else Path(description)
     work(Job.open(verb, path, given, asked, folder), say or _silent)
@@ -249,12 +249,6 @@ def _value(key: str, value: Any) -> str:
         return tomli_w.dumps({"v": value}).partition("=")[2].strip()
     except TypeError as error:
         raise InputError(f"setting {key}={value!r}: {error}") from error
-
-
-def _own_config(path: Path) -> Path | None:
-    """The settings that a recorded run was walked with."""
-    own = path / "config.toml"
-    return own if own.is_file() and (path / "recording.mcap").is_file() else None
 
 
 def _folder(out: Place | None) -> tuple[Path, tempfile.TemporaryDirectory[str] | None]:

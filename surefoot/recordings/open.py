@@ -137,7 +137,7 @@ def _nothing_known(path: Path) -> RecordingError:
     if inside:
         return RecordingError(
             f"{path}: contains no frames itself, but these folders in it can be read: "
-            f"{', '.join(inside[:6])}; give one of them"
+            f"{', '.join(inside[:6])}; give one of them, or all of them to `surefoot batch`"
         )
     names = ", ".join(child.name for child in sorted(path.iterdir())[:6]) or "nothing"
     return RecordingError(f"{path}: no frames found (it contains {names}); expected {KINDS}")

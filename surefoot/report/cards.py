@@ -54,11 +54,6 @@ def cards(metrics: dict[str, Any], summary: dict[str, Any], kind: str) -> list[C
                 f"of {metrics.get('frames', 0):.0f}, by depth",
             ),
         )
-    listed += _plain(
-        metrics,
-        ("runs", "Runs", "{:.0f}", "of this batch"),
-        ("runs_failed", "Failed", "{:.0f}", "runs"),
-    )
     return listed + _resources(metrics, summary)
 
 

@@ -2,7 +2,7 @@
 
 All pictures are inside the page and it loads nothing from the network, so it can be sent by mail. Every kind of
 run has a report: walks and recordings show trajectory, errors and decisions, maps their surface and layers,
-panoramas their obstacles, monocular runs their stages, batches a table of their runs.
+panoramas their obstacles, monocular runs their stages. A batch has a page of its own (`batch_page`).
 """
 
 from __future__ import annotations
@@ -15,13 +15,12 @@ from string import Template
 from typing import Any
 
 from ..evaluation.evaluate import evaluate
-from ..results.run_folder import BATCH, MAP, MONOCULAR, PANORAMA, PLAYBACK, SIMULATION, RunFolder
+from ..results.run_folder import MAP, MONOCULAR, PANORAMA, PLAYBACK, SIMULATION, RunFolder
 from ..results.version import version
 from .cards import cards, skipped, verdict
 from .plots.pictures import pictures
 from .replay.page import REPLAY, is_current, write_replay
 from .sections import (
-    batch_section,
     card_item,
     figure_rows,
     panorama_section,
@@ -67,7 +66,6 @@ FILES = {
     "monocular.json": "number of frames, and IoU of the floor by colour against depth",
     "metrics.json": "the figures of this page",
     "summary.json": "kind, frames, skipped frames, goals, command",
-    "summary.csv": "one row per recording of the batch",
     "figures/map.svg": "the plots of this page as files, in figures/",
     "truth/trajectory.txt": "ground truth, used by the evaluation only, in truth/",
 }
@@ -98,7 +96,7 @@ def write_report(run: RunFolder) -> Path:
         write_replay(run)
     sections = [plot_section(picture) for picture in drawn]
     sections.insert(1, views_section(run) or stages_section(run))
-    sections = [batch_section(run) if kind == BATCH else panorama_section(run), *sections]
+    sections = [panorama_section(run), *sections]
     verdict_class, verdict_words = verdict(metrics)
     page = Template(resources.files(__package__).joinpath("report_page.html").read_text("utf-8"))
     text = page.substitute(
@@ -147,8 +145,6 @@ def _command(run: RunFolder, summary: dict[str, Any]) -> str:
     """Commands that repeat, evaluate and show the run."""
     folder = shlex.quote(str(run.root))
     lines = [f"surefoot evaluate {folder}", f"surefoot view {folder}"]
-    if run.kind == BATCH:
-        return "\n".join(lines)
     again = summary.get("command")
     if not again:
         config = f" --config {shlex.quote(str(run.path('config.toml')))}"

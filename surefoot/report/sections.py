@@ -1,4 +1,4 @@
-"""Sections of the report page, as HTML: plots, camera views, panorama, runs of a batch, tables."""
+"""Sections of the report page, as HTML: plots, camera views, panorama, tables."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import base64
 import html
 import math
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
-from ..results.run_folder import BATCH_TABLE, RunFolder
+from ..results.run_folder import RunFolder
 from .cards import Card
 from .plots.style import Picture
 
@@ -116,35 +115,12 @@ def panorama_section(run: RunFolder) -> str:
     return _section("panorama", "Panorama", sentence, body)
 
 
-def batch_section(run: RunFolder) -> str:
-    """Table of the runs of a batch with links to their reports; empty for another kind of run."""
-    runs = run.read_csv(BATCH_TABLE)
-    if runs is None:
-        return ""
-    rows = []
-    columns = [runs.words(name) for name in runs.columns]
-    for cells in zip(*columns, strict=True):
-        row = dict(zip(runs.columns, cells, strict=True))
-        name = Path(row["run"]).name
-        page = html.escape(f"{name}/report.html")
-        linked = (
-            f'<a href="{page}">{html.escape(name)}</a>' if run.has(f"{name}/report.html") else ""
-        )
-        rows.append((linked, *(html.escape(str(row[key])) for key in row if key != "run")))
-    header = ("report", *(name for name in runs.columns if name != "run"))
-    sentence = "One row per recording; each run has a report of its own."
-    return _section("runs", "Runs", sentence, table(header, rows, escape=False))
-
-
-def table(header: Sequence[str], rows: Iterable[Sequence[object]], escape: bool = True) -> str:
+def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """An HTML table."""
-
-    def text(value: object) -> str:
-        return html.escape(str(value)) if escape else str(value)
-
     head = "".join(f"<th>{html.escape(name)}</th>" for name in header)
     body = "\n".join(
-        "<tr>" + "".join(f"<td>{text(value)}</td>" for value in row) + "</tr>" for row in rows
+        "<tr>" + "".join(f"<td>{html.escape(str(value))}</td>" for value in row) + "</tr>"
+        for row in rows
     )
     return f"<table>\n<tr>{head}</tr>\n{body}\n</table>"
 
@@ -157,12 +133,6 @@ def figure_rows(metrics: dict[str, Any]) -> list[str]:
             shown = {
                 f"{name}.{stage}": f"{t['p50']:.2f} / {t['p95']:.2f} / {t['max']:.2f}"
                 for stage, t in value.items()
-            }
-        elif name == "by_run":
-            shown = {
-                f"{run}.{figure}": f"{number:.6g}"
-                for run, figures in value.items()
-                for figure, number in figures.items()
             }
         elif isinstance(value, (int, float)) and not isinstance(value, bool):
             shown = {name: f"{value:.6g}"}

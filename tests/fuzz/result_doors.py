@@ -26,6 +26,11 @@ from perception.primitives.errors import InputError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
+from surefoot.batch import batch, pages
+from surefoot.batch.job import DONE, PROCESS, Job
+from surefoot.batch.ledger import LEDGER, Ledger
+from surefoot.batch.places import Order
+from surefoot.batch.work import figures_of
 from surefoot.config.schema import Config
 from surefoot.evaluation.evaluate import evaluate
 from surefoot.evaluation.foreign_graph import read_g2o
@@ -46,7 +51,7 @@ from surefoot.results import object_file
 from surefoot.results.moment import Moment
 from surefoot.results.moments import MomentWriter, read_moments
 from surefoot.results.run_folder import COVARIANCE_HEADER, RunFolder
-from surefoot.run import batch, checkpoint, process
+from surefoot.run import checkpoint, process
 
 WALK = Path(__file__).parents[2] / "data" / "walk"
 FRAMES = 4  # of the run
@@ -168,19 +173,29 @@ def batch_folder(folder: Path) -> None:
         summary = {"name": name, "frames": 6, "skipped": {"dark": 1}, "seconds": 2.5}
         RunFolder(folder / name).write_json("summary.json", summary)
         (folder / name / "report.html").write_text("x")
-    rows = "".join(f"{folder}/{name}.mcap,{folder}/{name},done,6,1,2.5,3.0,\n" for name in "ab")
-    header = "recording,run,status,frames,skipped,seconds,wall_s,error\n"
-    (folder / "summary.csv").write_text(header + rows)
+    order, jobs = batch_of(folder)
+    ledger = Ledger.open(folder / LEDGER, batch.header_of(order))
+    more = {"identity": jobs[0].identity, "wall_s": 3.0, "figures": {"frames": 6.0}}
+    ledger.note("a", DONE, source=jobs[0].source, reason="", **more)
     result = {"title": "x", "figures": {"a": 1.0}, "seeds": 2, "targets": {"a": ["<", 2.0]}}
     (folder / "result.json").write_text(json.dumps(result))
 
 
+def batch_of(folder: Path) -> tuple[Order, list[Job]]:
+    """The jobs of the two runs."""
+    jobs = [Job(name, PROCESS, f"{name}.mcap", str(folder / name), identity="x") for name in "ab"]
+    return Order(PROCESS), jobs
+
+
 def read_batch(folder: Path) -> None:
-    """As a batch that goes on, `evaluate`, and a round of experiments do."""
-    evaluate(RunFolder.open(folder))
-    for name in ("a", "b"):
-        batch.row_of(Path(f"{name}.mcap"), folder / name, batch.KEPT)
-    batch.known_times(folder)
+    """As a batch that goes on, and a round of experiments do."""
+    order, jobs = batch_of(folder)
+    ledger = Ledger.open(folder / LEDGER, batch.header_of(order))
+    if (
+        not all(figures_of(job)["frames"] for job in jobs)
+        or pages.rows(jobs, ledger)[0].status != DONE
+    ):
+        raise InputError("not read")
     result = artefacts.read(folder)
     if result is None:
         raise InputError("not read")

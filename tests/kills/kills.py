@@ -16,6 +16,7 @@ import time
 time.perf_counter = lambda: 0.0  # before anybody keeps it
 
 import contextlib
+import json
 import os
 import random
 import shlex
@@ -32,6 +33,8 @@ import numpy as np
 from click.testing import CliRunner
 
 import surefoot.cli.main as cli
+from surefoot.batch import worker
+from surefoot.batch.ledger import LEDGER
 from surefoot.experiments.support import artefacts, resampling, trials
 from surefoot.experiments.support import experiment as experiments
 from surefoot.mcap_file import messages
@@ -46,6 +49,7 @@ for _module in (artefacts, resampling, trials):
     _module.time = SimpleNamespace(monotonic=lambda: 0.0)
 trials.WORKERS = 1
 checkpoint.EVERY_S = 0.1
+worker.PROGRAM = (__file__, "worker")  # with its clocks, too
 
 
 def trial(seed: int) -> tuple[float, np.ndarray]:
@@ -93,7 +97,7 @@ VERBS = {
     ),
     "map": Verb(("map", "walk", "--out", "out"), (), "out/.part-*/*"),
     "experiment": Verb(("experiment", "tiny", "--out", "out"), ("--resume",), "out/.part-*/*"),
-    "batch": Verb(("process", "walks", "--out", "out", "--workers", "1"), (), "out/.part-*/map.yaml"),
+    "batch": Verb(("batch", "process", "walks", "--out", "out", "--workers", "1"), (), "out/.part-*/map.yaml"),
 }  # fmt: skip
 
 
@@ -164,17 +168,18 @@ def outlived(leader: int) -> list[int]:
 
 
 def contents(folder: Path) -> dict[str, object]:
-    """Every file of a folder, byte by byte; of estimates.mcap the messages."""
+    """Every file of a folder, byte by byte; of estimates.mcap the messages, of a ledger how often each run was made."""
     found: dict[str, object] = {}
     for path in sorted(folder.rglob("*")):
         if path.is_file():
             name = path.relative_to(folder).as_posix()
-            mcap = path.name == "estimates.mcap"
-            found[name] = (
-                [(topic, one.log_time, one.data) for topic, one in messages(path)]
-                if mcap
-                else path.read_bytes()
-            )
+            if path.name == "estimates.mcap":
+                found[name] = [(topic, one.log_time, one.data) for topic, one in messages(path)]
+            elif path.name == LEDGER:
+                lines = [json.loads(line) for line in path.read_text().splitlines()[1:]]
+                found[name] = sorted(one["job"] for one in lines if one["event"] == "done")
+            else:
+                found[name] = path.read_bytes()
     return found
 
 
@@ -258,6 +263,8 @@ def kill(names: list[str], kills: int, seed: int, say: Callable[[str], object]) 
     return sum(count for (_, ended), count in counts.items() if ended == "FAULT")
 
 
-if __name__ == "__main__":
+if __name__ == "__main__" and sys.argv[1] == "worker":
+    worker.main(float(sys.argv[2]))
+elif __name__ == "__main__":
     chosen = sys.argv[3:] or list(VERBS)
     sys.exit(bool(kill(chosen, int(sys.argv[1]), int(sys.argv[2]), lambda text: print(text, flush=True))))  # fmt: skip

@@ -30,6 +30,7 @@ VERBS = (
     "quickstart",
     "simulate",
     "process",
+    "batch",
     "smooth",
     "map",
     "panorama",
@@ -98,7 +99,16 @@ def test_help_does_not_load_the_heavy_packages():
         (("view", "no/such/run"), "does not exist"),
         (("experiment", "003-E99"), "did you mean 003-E"),
         (("experiment", "sensor"), "did you mean sensors?"),
-        (("process", "a", "b", "--description", "c.toml"), "--description goes with a single"),
+        (("batch", "process", "no/such/folder", "--out", "o"), "no such file or folder"),
+        (
+            ("batch", "process", "a", "--out", "o", "--set", "grid.cel_m=1"),
+            "did you mean grid.cell_m?",
+        ),
+        (
+            ("batch", "process", "a", "--out", "o", "--workers", "1", "--scheduler", "x"),
+            "give one of them",
+        ),
+        (("simulate", "home", "--seeds", "1:2"), "--seeds needs --out"),
         (("process", "data/walk", "--resume"), "--resume needs --out"),
         (("bench", "warp"), "unknown"),
     ],
@@ -111,7 +121,13 @@ def test_bad_input_is_one_line_and_exit_code_2(words, said):
 
 
 @pytest.mark.parametrize(
-    "words", [("simulate", "--seed", "-1"), ("experiment", "home", "--seeds", "0")]
+    "words",
+    [
+        ("simulate", "--seed", "-1"),
+        ("experiment", "home", "--seeds", "0"),
+        *(("simulate", "--seeds", seeds) for seeds in ("7", "3:3", "-1:2", "a:b", ":")),
+        ("batch", "process", "a", "--out", "o", "--memory", "nan"),
+    ],
 )
 def test_an_impossible_number_is_refused_by_its_name(words):
     code, shown = call(*words)

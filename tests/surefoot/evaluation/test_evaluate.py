@@ -524,16 +524,10 @@ def test_a_run_without_trajectory_says_what_cannot_be_judged(
         evaluate(run, tmp_path / "their.txt")
 
 
-def test_a_batch_is_evaluated_run_by_run(tmp_path):
-    straight_run(tmp_path / "a", (0.03, 0.04, 0.0))
+def test_the_folder_of_a_batch_is_sent_to_the_verb_for_many(tmp_path):
     RunFolder(tmp_path).write_csv("summary.csv", ("recording", "run"), [("x", "old/a"), ("y", "")])
-    batch = RunFolder.open(tmp_path)
-    found = evaluate(batch)
-    assert (found["runs"], found["runs_failed"]) == (2.0, 1.0)
-    assert found["by_run"]["a"]["position_rmse_m"] == pytest.approx(0.05)
-    assert "position_rmse_m 0.05" in closing_table(found)
-    with pytest.raises(InputError, match="is a batch of runs"):
-        evaluate(batch, surface=tmp_path / "mesh.ply")
+    with pytest.raises(InputError, match="`surefoot batch evaluate"):
+        evaluate(RunFolder.open(tmp_path))
 
 
 def test_the_closing_table_shows_the_figures_of_a_surface():

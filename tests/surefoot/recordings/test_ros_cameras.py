@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from perception.primitives.errors import RecordingError
-from surefoot.config.schema import Config
+from surefoot.batch.job import Job
+from surefoot.batch.work import do
 from surefoot.recordings.open import open_recording
 from surefoot.recordings.ros_messages import is_rectified
-from surefoot.run.batch import process_one
 
 
 def _beside(name: str) -> Any:
@@ -204,10 +204,10 @@ def test_an_unknown_lens_of_the_colour_camera_is_refused_by_its_topic(tmp_path):
 
 def test_a_refused_lens_fails_its_own_recording_of_a_batch_only(tmp_path):
     bag = write(tmp_path / "walk.x", "ros1", "/cam/depth/image", lens("equidistant", FISHEYE))
-    row = process_one(bag, tmp_path / "out", Config())
-    assert row.status == "failed"
-    assert row.error.startswith(str(bag))
-    assert "'equidistant'" in row.error
+    answer = do(Job("walk", "process", str(bag), str(tmp_path / "out")))
+    assert answer["status"] == "failed"
+    assert answer["reason"].startswith(str(bag))
+    assert "'equidistant'" in answer["reason"]
     assert not (tmp_path / "out").exists()
 
 
