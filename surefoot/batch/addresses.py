@@ -135,9 +135,16 @@ def _listed(system: Any, place: str) -> dict[str, dict[str, Any]]:
     with _answering(place):
         system.invalidate_cache()
         found = system.find(place, detail=True)
-    files = {path: one for path, one in found.items() if one.get("type") == "file"}
+    files = {
+        path: one
+        for path, one in found.items()
+        if one.get("type") == "file" and not path.endswith("/")
+    }
     if not files:
         raise InputError(f"{place}: there is nothing; expected recordings, or folders of them")
+    for path in files:
+        if ".." in path.split("/") or "//" in path.removeprefix(place):
+            raise InputError(f"{path}: a name with '..' or '//' leads out of its folder; rename it")
     return files
 
 
@@ -147,6 +154,8 @@ def _within(listing: Listing, place: str) -> dict[str, Mapping[str, Any]]:
 
 def _beside(system: Any, place: str, up: str) -> dict[str, Mapping[str, Any]]:
     """What readers look for in the folder that a recording lies in: small text files, truth/, the other logs of a robot."""
+    if not up:
+        return {}
     with _answering(up):
         there = {one["name"].rstrip("/"): one for one in system.ls(up, detail=True)}
     logs = PurePosixPath(place).suffix in (".dat", ".gz")

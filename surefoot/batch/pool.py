@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from multiprocessing.connection import wait
+import select
 from pathlib import Path
 
 from perception.primitives.errors import InputError
@@ -63,8 +63,7 @@ class Pool:
 
     def next(self) -> tuple[Job, Answer]:
         """Wait for the end of a job."""
-        worker = wait(list(self._busy))[0]
-        assert isinstance(worker, Worker)
+        worker: Worker = select.select(list(self._busy), [], [])[0][0]
         answer, job = worker.answer(), self._busy.pop(worker)
         if not worker.ended:
             self._idle.append(worker)

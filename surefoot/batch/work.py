@@ -19,6 +19,7 @@ from perception.primitives.errors import RecordingError, SurefootError
 
 from ..config.load import load, own_settings
 from ..config.schema import Config
+from ..results import run_lock
 from ..results.run_folder import RunFolder
 from ..results.version import version
 from ..store.run_metrics import metrics_row
@@ -85,6 +86,8 @@ def _evaluated(job: Job) -> str:
 def _made(job: Job) -> str:
     """Make a run under a temporary name, and publish it; a remark on how it ended."""
     target = Path(job.target)
+    if is_complete(target):  # by a worker that was thought lost
+        return ""
     part = target.with_name(f"{PART}{target.name}-{uuid.uuid4().hex[:8]}")
     try:
         with _at_hand(job) as source:
@@ -94,8 +97,9 @@ def _made(job: Job) -> str:
         _publish(part, target)
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    for stale in target.parent.glob(f"{PART}{target.name}-????????"):  # of workers that were killed
-        shutil.rmtree(stale, ignore_errors=True)
+    for stale in target.parent.glob(f"{PART}{target.name}-????????"):
+        if not run_lock.is_held(stale):  # of a worker that was killed
+            shutil.rmtree(stale, ignore_errors=True)
     return remark
 
 

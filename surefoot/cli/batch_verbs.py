@@ -79,24 +79,17 @@ def workers_options(verb: Callable[..., None]) -> Callable[..., None]:
     return with_workers
 
 
-class Seeds(click.ParamType):
-    """A range of seeds, "A:B"."""
-
-    name = "A:B"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The seeds from A to B - 1; a usage error if there are none."""
-        if isinstance(value, range):
-            return value
-        first, colon, end = str(value).partition(":")
-        whole = all(one.isascii() and one.isdigit() and len(one) < 10 for one in (first, end))
-        if not colon or not whole or int(first) >= int(end):
-            self.fail(
-                f"{value} is no range of seeds; expected A:B with A < B, such as 1000:2000",
-                param,
-                ctx,
-            )
-        return range(int(first), int(end))
+def seeds_of(context: click.Context, parameter: click.Parameter, value: str | None) -> range | None:
+    """The seeds from A to B - 1 of "A:B"; a usage error if there are none."""
+    if value is None:
+        return None
+    first, _, end = value.partition(":")
+    whole = all(one.isascii() and one.isdigit() and len(one) < 10 for one in (first, end))
+    if not whole or int(first) >= int(end):
+        raise click.BadParameter(
+            f"{value} is no range of seeds; expected A:B with A < B, such as 1000:2000"
+        )
+    return range(int(first), int(end))
 
 
 @click.command()

@@ -12,7 +12,7 @@ import click
 
 from perception.primitives.errors import InputError
 
-from .batch_verbs import Seeds, Workers, simulate_all, workers_options
+from .batch_verbs import Workers, seeds_of, simulate_all, workers_options
 from .options import (
     PATH,
     Number,
@@ -80,7 +80,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--seeds",
-    type=Seeds(),
+    callback=seeds_of,
     metavar="A:B",
     help="A batch: one walk for each seed from A to B - 1; goes with --out and the options of `surefoot batch`.",
 )

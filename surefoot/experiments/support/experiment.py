@@ -52,6 +52,7 @@ FILES = {
     "INT-2": "joint.gaze_coupling",
     "INT-3": "joint.floor_methods",
     "INT-4": "joint.four_planners",
+    "batch": "joint.batch",
     "compare": "joint.comparisons",
     "crowd": "joint.crowd",
     "faults": "joint.faults",

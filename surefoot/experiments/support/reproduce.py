@@ -23,7 +23,7 @@ from perception.primitives.errors import InputError, OutputError
 
 from ...report import experiment_page
 from ...results.formats import refuse
-from ...run.worker_pool import end_with_parent
+from ...run.end_with_parent import end_with_parent
 from . import artefacts
 from . import experiment as experiments
 from .experiment import Experiment, Say
@@ -33,7 +33,7 @@ from .trials import code_hash
 INDEX = "index.html"
 QUICK: dict[str, int] = {
     "000-E2": 20, "000-E5": 2, "001-E1": 3, "001-E2": 3, "003-E3": 2, "003-E4": 50, "003-E5": 50,
-    "004-E2": 10,
+    "004-E2": 10, "batch": 10,
 }  # fmt: skip
 """Seeds of `--quick` by experiment; one for those that are not listed."""
 SMALLER: dict[str, dict[str, float]] = {

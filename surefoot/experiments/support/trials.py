@@ -28,7 +28,7 @@ from perception.primitives.errors import InputError
 from perception.primitives.safe_input import UnreadableError
 
 from ...results import object_file
-from ...run.worker_pool import end_with_parent
+from ...run.end_with_parent import end_with_parent
 from .experiment import Say
 
 WORKERS = os.cpu_count() or 2

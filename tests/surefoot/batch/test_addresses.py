@@ -105,6 +105,19 @@ def test_what_readers_look_for_beside_a_recording_is_fetched_too(store):
     assert not copy.exists()
 
 
+@pytest.mark.parametrize("name", ["a/../../../../escaped", "a//escaped"])
+def test_names_that_lead_out_of_the_copy_are_refused(store, name):
+    address, system, place = store
+    if address.startswith("memory"):  # which tidies names up by itself
+        system.store[f"{address.partition(':/')[2]}/{name}"] = system.store.popitem()[1]
+    else:
+        bucket, _, key = address.partition("://")[2].partition("/")
+        system.call_s3("put_object", Bucket=bucket, Key=f"{key}/{name}", Body=b"x")
+    with pytest.raises(InputError, match="leads out of its folder"):
+        jobs_at(store)
+    assert not list(place.rglob("*escaped*"))
+
+
 def test_a_single_recording_may_be_the_address(store):
     address, _, _ = store
     assert list(addresses.recordings_at(f"{address}/b")) == [jobs_at(store)[1].source]

@@ -491,16 +491,6 @@ def test_the_report_of_a_monocular_run_shows_its_stages_and_iou(tmp_path):
     assert "surefoot monocular RECORDING" in text
 
 
-def test_the_report_of_a_batch_links_its_runs(run, tmp_path):
-    shutil.copytree(run.root, tmp_path / "home-5")
-    RunFolder(tmp_path).write_csv(
-        "summary.csv", ("recording", "run", "status"), [("w.mcap", "x/home-5", "done")]
-    )
-    page = Page(write_report(RunFolder.open(tmp_path)).read_text())
-    assert "home-5/report.html" in page.references
-    assert "runs" in page.identities
-
-
 def test_a_killed_run_has_a_report_and_is_measured_again_when_it_is_complete(tmp_path, undrawn):
     killed = RunFolder.create(tmp_path / "killed")
     poses = RowStream(killed, "trajectory_covariance.csv", COVARIANCE_HEADER)
