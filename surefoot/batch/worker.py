@@ -98,16 +98,16 @@ class Worker:
 
 def main(memory_gib: float) -> None:
     """The loop of the process: it ends when whoever started it closes its input, or is gone."""
-    from .work import do
-
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started it
+    waiting: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(waiting,), daemon=True).start()
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what libraries print is no answer
     faulthandler.enable()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started it
     most = int(memory_gib * GIB)
     resource.setrlimit(resource.RLIMIT_DATA, (most, most))
-    waiting: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(waiting,), daemon=True).start()
+    from .work import do  # takes seconds, and may need more memory than there is
+
     while True:
         answer = do(Job.read(waiting.get()))
         gc.collect()

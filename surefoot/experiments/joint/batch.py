@@ -43,7 +43,6 @@ from ..support.experiment import Experiment, Outcome, Say, Target
 FRAMES = 4  # of a recording
 DAMAGED_SHARE = 0.02
 WORKERS = 2
-KILL_EVERY_S = 60.0
 SAMPLE = 8  # recordings processed singly and compared
 PLAIN_SHARE = 0.02  # of the recordings that two plain processes take, before and again after
 LOOK_EVERY_S = 0.5
@@ -165,7 +164,7 @@ class Cluster:
         self._log.close()
 
 
-def broken_batch(folder: Path, count: int, say: Say) -> dict[str, float]:
+def broken_batch(folder: Path, count: int, kill_every_s: float, say: Say) -> dict[str, float]:
     """Run the batch while workers, scheduler and batch are killed; how often, and how long it took."""
     rng = np.random.default_rng(0)
     cluster = Cluster(folder)
@@ -192,7 +191,7 @@ def broken_batch(folder: Path, count: int, say: Say) -> dict[str, float]:
             elif not killed["schedulers"] and done >= count / 2:
                 cluster.scheduler.kill()
                 killed["schedulers"] = 1
-            elif time.monotonic() - killed_s > KILL_EVERY_S:
+            elif time.monotonic() - killed_s > kill_every_s:
                 cluster.workers[int(rng.integers(WORKERS))].kill()
                 killed["workers"] += 1
                 killed_s = time.monotonic()
@@ -250,8 +249,8 @@ def differing(one: Path, other: Path) -> list[str]:
     return [name for name in kept if content(one, name) != content(other, name)]
 
 
-def run(seeds: int, say: Say) -> Outcome:
-    """As many recordings as seeds."""
+def run(seeds: int, say: Say, kill_every_s: float = 60.0) -> Outcome:
+    """As many recordings as seeds, with a worker killed so often."""
     folder = Path(tempfile.mkdtemp(prefix="batch-study-", dir=os.environ.get("TMPDIR")))
     damaged = write_recordings(folder, seeds, say)
     places = sorted((folder / "in").iterdir())
@@ -259,7 +258,7 @@ def run(seeds: int, say: Say) -> Outcome:
     sample = good[:: max(1, len(good) // SAMPLE)][:SAMPLE]
     plain = good[: max(2 * WORKERS, round(PLAIN_SHARE * seeds))]
     rates = [plain_rate(folder, plain, "before")]
-    figures = broken_batch(folder, seeds, say)
+    figures = broken_batch(folder, seeds, kill_every_s, say)
     rates.append(plain_rate(folder, plain, "after"))
     rate = 60.0 * seeds / figures.pop("batch_s")
     found = ends(folder / "out" / LEDGER)
