@@ -63,7 +63,8 @@ class DaskCluster:
         """Give a job."""
         key = f"surefoot-{job.name}-{uuid.uuid4().hex}"
         ended = self._ended
-        future = self._client.submit(serve, job.line(), self._memory_gib, key=key, pure=False)
+        line = job.anywhere().line()
+        future = self._client.submit(serve, line, self._memory_gib, key=key, pure=False)
         self._given[key] = (job, future)
         future.add_done_callback(lambda future: ended.put(future.key))
 

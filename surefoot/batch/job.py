@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -56,6 +56,13 @@ class Job:
         """From `line`."""
         found = safe_input.json(line)
         return Job(**{**found, "overrides": tuple(found["overrides"])})
+
+    def anywhere(self) -> Job:
+        """The same with paths that hold in any working directory."""
+        source = str(Path(self.source).absolute()) if Path(self.source).exists() else self.source
+        target = str(Path(self.target).absolute())
+        config = str(Path(self.config).absolute()) if self.config else ""
+        return replace(self, source=source, target=target, config=config)
 
     @property
     def settings(self) -> Path | None:

@@ -58,7 +58,7 @@ def jobs_of_places(order: Order, places: Sequence[str], out: Path) -> list[Job]:
             name=name,
             verb=order.verb,
             source=source,
-            target=source if judged else str(out.absolute() / name),
+            target=source if judged else str(out / name),
             config=order.config,
             overrides=order.overrides,
             identity=digest,
@@ -75,7 +75,7 @@ def jobs_of_seeds(order: Order, scene: str, seeds: range, out: Path) -> list[Job
             name=f"{name}-{seed}",
             verb=SIMULATE,
             source=scene,
-            target=str(out.absolute() / f"{name}-{seed}"),
+            target=str(out / f"{name}-{seed}"),
             config=order.config,
             overrides=order.overrides,
             seed=seed,
@@ -156,13 +156,13 @@ def _found(order: Order, place: str) -> dict[str, str]:
         raise InputError(f"{place}: no such file or folder; give recordings or folders of them")
     if order.verb == EVALUATE:
         return dict.fromkeys(map(str, _runs_below(path)), "")
-    return dict.fromkeys((str(one.absolute()) for one in below(path)), "")
+    return dict.fromkeys(map(str, below(path)), "")
 
 
 def _runs_below(place: Path) -> list[Path]:
     """The complete runs in a folder, at most two levels down."""
     found = (path.parent for depth in ("", "*/", "*/*/") for path in place.glob(f"{depth}{MARK}"))
-    return sorted(one.absolute() for one in found if RunFolder(one).has("summary.json"))
+    return sorted(one for one in found if RunFolder(one).has("summary.json"))
 
 
 def _digest_of_run(run: Path) -> str:

@@ -110,7 +110,10 @@ def _at_hand(job: Job) -> Iterator[Path]:
         yield Path(job.source)
         return
     with fetched(job.source, job.identity) as copy:
-        yield copy
+        try:
+            yield copy
+        except SurefootError as error:
+            raise type(error)(str(error).replace(str(copy), job.source)) from error
 
 
 def _rename_inside(run: Path, names: dict[str, str]) -> None:

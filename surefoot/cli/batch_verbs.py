@@ -129,7 +129,7 @@ def batch(
 
     overrides = all_overrides(overrides, ignore_poses)
     load(config_path, overrides)  # what is wrong is said once
-    order = Order(verb, "" if config_path is None else str(config_path.absolute()), overrides)
+    order = Order(verb, "" if config_path is None else str(config_path), overrides)
     _run(order, jobs_of_places(order, places, out), out, workers, as_json)
 
 
@@ -147,7 +147,7 @@ def simulate_all(
     from ..batch.job import SIMULATE
     from ..batch.places import Order, jobs_of_seeds
 
-    config = "" if config_path is None else str(config_path.absolute())
+    config = "" if config_path is None else str(config_path)
     order = Order(SIMULATE, config, overrides, record)
     _run(order, jobs_of_seeds(order, scene or "", seeds, out), out, workers, as_json)
 

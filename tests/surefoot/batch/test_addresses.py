@@ -14,7 +14,7 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.errors import ConfigError, InputError, RecordingError
 from surefoot.batch import addresses, work
 from surefoot.batch.places import Order, jobs_of_places
 from surefoot.batch.work import do
@@ -89,6 +89,15 @@ def test_a_fetched_recording_is_that_on_the_disk_and_nothing_stays_behind(store)
     assert made["command"].split()[2] == jobs[0].source
     for file in filter(Path.is_file, (place / "out/a").rglob("*")):
         assert addresses.PREFIX.encode() not in file.read_bytes(), file
+
+
+def test_a_fetched_recording_that_cannot_be_used_is_named_by_its_address(store, monkeypatch):
+    def refuse(job, source, part):
+        raise RecordingError(f"{source}: none of its frames could be used")
+
+    monkeypatch.setitem(work._VERBS, "process", refuse)
+    job = jobs_at(store)[0]
+    assert do(job)["reason"] == f"{job.source}: none of its frames could be used"
 
 
 def test_what_readers_look_for_beside_a_recording_is_fetched_too(store):

@@ -50,6 +50,15 @@ def test_a_job_is_the_same_after_its_way_to_a_worker(tmp_path):
     assert "\n" not in job.line()
 
 
+def test_a_job_for_another_machine_names_its_files_by_whole_paths(recordings, monkeypatch):
+    monkeypatch.chdir(recordings)
+    there = Job("a", "process", "day/a", "out/a", "c.toml").anywhere()
+    assert there.source == str(recordings / "day/a")
+    assert (there.target, there.config) == (str(recordings / "out/a"), str(recordings / "c.toml"))
+    address = Job("a", "process", "s3://lab/a", "out/a")
+    assert (address.anywhere().source, address.anywhere().config) == ("s3://lab/a", "")
+
+
 def test_seeds_are_a_batch_of_one_walk_each(tmp_path):
     jobs = jobs_of_seeds(Order("simulate", record=True), "home", range(1000, 1003), tmp_path)
     assert [job.name for job in jobs] == ["home-1000", "home-1001", "home-1002"]
