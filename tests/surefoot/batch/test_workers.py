@@ -113,7 +113,7 @@ def test_a_scheduler_that_comes_back_gets_its_jobs_again(monkeypatch):
     here = {
         "processes": False,
         "protocol": "tcp",
-        "dashboard_address": None,
+        "dashboard_address": ":0",
         "threads_per_worker": 1,
     }
     said = []
