@@ -243,3 +243,36 @@ def accumulate(
             total += w * residual * residual
             weights += w
     return used, total / max(weights, 1e-12)
+
+
+@njit(cache=True)
+def nearness(
+    cells: np.ndarray,
+    sector: np.ndarray,
+    moves: np.ndarray,
+    near: np.ndarray,
+    known: np.ndarray,
+    mean_near: np.ndarray,
+    mean_known: np.ndarray,
+) -> None:
+    """How well points lie on the surfaces of a raster, after each of some moves.
+
+    Args:
+        cells: (n, 2), places of the points in the raster.
+        sector: (n,), direction of the surface that each belongs to.
+        moves: (m, 2), cells.
+        near: (s, h, w), nearness of each cell to a surface of each direction.
+        known: (h, w), whether a cell was in view; outside the raster none was, and no surface is near.
+        mean_near, mean_known: (m,), receive the means over the points.
+    """
+    rows, columns = known.shape
+    for j in range(moves.shape[0]):
+        close, seen = 0.0, 0
+        for i in range(cells.shape[0]):
+            row = math.floor(cells[i, 0] + moves[j, 0] + 0.5)
+            column = math.floor(cells[i, 1] + moves[j, 1] + 0.5)
+            if 0 <= row < rows and 0 <= column < columns:
+                close += near[sector[i], row, column]
+                seen += known[row, column]
+        mean_near[j] = close / cells.shape[0]
+        mean_known[j] = seen / cells.shape[0]

@@ -6,9 +6,9 @@ used in one update, because they share the pan error of the head. How large the 
 is learnt from the innovations (`noise_factor`). The sigma points are those of `ukf_engines`
 and the noise that of `localiser_noise`; this module has the gating, the data association and the recovery.
 
-Measurements that contradict each other for seconds are a fault, of which nobody can tell which one errs. While gyro and
-steps disagree about the turn, the gyro is not used and the heading is as uncertain as they differ. While landmarks
-disagree with the pose, pose and sightings are both less certain, by what they disagree.
+Measurements that contradict each other for seconds are a fault, of which nobody can tell which one errs. Gyro and steps
+are compared by `turn_check`. While landmarks disagree with the pose, pose and sightings are both less certain, by what
+they disagree.
 
 Source: seed 001, section 3, eq. (2) (sigma-point filter).
 """
@@ -21,11 +21,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from ..filtering import models
 from ..filtering.consistency import Innovation, chi_square_quantile
-from ..filtering.models import GYRO_BIAS, PAN, TURN, YAW, X, Y
-from ..monitoring.agreement import Bias, Surprise
+from ..filtering.models import PAN, WALKER_SIZE, YAW, X, Y
+from ..monitoring.agreement import Surprise
 from ..monitoring.status import LOST, SLOW, STAND, Doubt
 from ..primitives.errors import ConfigError
 from ..primitives.frame import Imu, StepOdometry
@@ -35,6 +36,7 @@ from ..primitives.pose import Pose2
 from .localiser_noise import LocaliserConfig, joint_noise, process_noise, range_sigmas
 from .noise_factor import NoiseFactor
 from .relocalisation import pose_from_sightings
+from .turn_check import TurnCheck
 from .ukf_engines import ukf_engine
 
 log = logging.getLogger(__name__)
@@ -42,14 +44,13 @@ log = logging.getLogger(__name__)
 GATE_PROBABILITY = 0.999  # ours: share of correct sightings inside the gate
 RECOVERY_SIGMA_M = 0.15  # ours: added to the position when most sightings are rejected
 RECOVERY_SIGMA_RAD = math.radians(8.0)  # ours: added to the heading then
-STEPS_LEAST_NIS = 0.5  # ours: half of what a turn errs by may be drift, which is a state
-SIGHTINGS_LEAST_NIS = 0.4  # ours: three fifths of what a sighting errs by lasts through many frames
-TURNS, SIGHTINGS = 6, 4  # ours: innovations that are tested together; two seconds of each
+SIGHTINGS_LEAST_NIS = 0.5  # ours: half of what a sighting errs by lasts through many frames
+TESTED = 4  # ours: sightings that are tested together; two seconds
 DOUBTED = (X, Y, YAW, PAN)
 DOUBT_BEGINS = np.array([0.06, 0.06, math.radians(2.0), math.radians(5.0)])
 """Ours: deviation added to position, heading and pan offset when landmarks begin to disagree, m and rad."""
 DOUBT_GOES_ON = np.array([0.04, 0.04, math.radians(1.0), math.radians(2.0)])
-"""Ours: likewise while they disagree, or gyro and steps, per square root of a second."""
+"""Ours: likewise while they disagree, per square root of a second."""
 LOST_SIGMA_M, FOUND_SIGMA_M = 0.30, 0.15  # ours: of the position of a lost robot, and found again
 LOST_SIGMA_RAD, FOUND_SIGMA_RAD = math.radians(20.0), math.radians(10.0)  # ours: of its heading
 LOST_FRAMES = 3  # ours: mostly rejected frames in a row of a robot that is lost
@@ -97,11 +98,12 @@ class PoseFilter:
         self._gate = chi_square_quantile(GATE_PROBABILITY, 2)
         self._frames_rejected = 0
         self._walks = False  # whether it made a step since the last frame
-        self._steps_factor = NoiseFactor(STEPS_LEAST_NIS)
         self._sightings_factor = NoiseFactor(SIGHTINGS_LEAST_NIS)
         self._blind_s: float | None = None  # time without odometry; None while there is some
-        self._turns, self._surprise = Bias(1, TURNS), Surprise(2, SIGHTINGS)
+        self._turns, self._surprise = TurnCheck(), Surprise(2, TESTED)
         self._lost = False
+        self.process_noise: Float[np.ndarray, "10 10"] = np.zeros((WALKER_SIZE, WALKER_SIZE))
+        """Covariance that the last prediction added to the state."""
         self._ukf = ukf_engine(self.config.engine, self.config.initial_state(start))
 
     @property
@@ -113,7 +115,7 @@ class PoseFilter:
     @property
     def noise(self) -> LocaliserConfig:
         """The noise as far as it is learnt."""
-        return self.config.times(self._steps_factor.value, self._sightings_factor.value)
+        return self.config.times(self._turns.factor.value, self._sightings_factor.value)
 
     @property
     def pose2(self) -> Pose2:
@@ -130,11 +132,6 @@ class PoseFilter:
         """Replace the whole state, for example after `registration`."""
         self._ukf.reset(state)
 
-    @property
-    def blind_s(self) -> float:
-        """Time without odometry until now, s."""
-        return self._blind_s or 0.0
-
     def doubts(self) -> list[Doubt]:
         """What contradicts what, and whether the robot knows where it is."""
         P = self._ukf.state.covariance
@@ -146,7 +143,7 @@ class PoseFilter:
         found = [
             (self._lost, Doubt(LOST, STAND)),
             (self._blind_s is not None, Doubt("no odometry", STAND)),
-            (not self._turns.agrees, Doubt("gyro and steps disagree", SLOW)),
+            (not self._turns.agree, Doubt("gyro and steps disagree", SLOW)),
             (not self._surprise.agrees, Doubt("landmarks disagree", SLOW)),
         ]
         return [doubt for holds, doubt in found if holds]
@@ -168,30 +165,19 @@ class PoseFilter:
         self._walks = steps > 0.0
         yaw = float(self._ukf.state.mean[YAW])
         config = self.noise
-        noise = process_noise(config, yaw, steps, dt, self.blind_s if odometry is None else None)
-        if not (self._surprise.agrees and self._turns.agrees):
+        blind_s = self._blind_s or 0.0
+        noise = process_noise(config, yaw, steps, dt, blind_s if odometry is None else None)
+        if not self._surprise.agrees:
             noise[DOUBTED, DOUBTED] += dt * DOUBT_GOES_ON**2
-        self._blind_s = self.blind_s + dt if odometry is None else None
-        self._ukf.predict(motion, steps, noise)
+        turn_rad, sigma_rad = None, config.gyro_sigma_radps * dt
         if imu is not None and dt > 0.0 and _finite(imu.angular_velocity, 0.0):
-            turn = float(imu.angular_velocity[2]) * dt
-            self._turn(turn, config.gyro_sigma_radps * dt, dt, self._walks)
-
-    def _turn(self, turn_rad: float, sigma_rad: float, dt: float, stepped: bool) -> None:
-        """Update with the turn by the gyro; while it contradicts the steps, doubt the heading instead."""
-        state, entries = self._ukf.state, [TURN, GYRO_BIAS]
-        P, along = state.covariance, np.array([1.0, dt])
-        off = turn_rad - float(along @ state.mean[entries])
-        variance = float(along @ P[np.ix_(entries, entries)] @ along) + sigma_rad**2
-        agreed = self._turns.agrees
-        if self._turns.update(np.array([off]), np.array([[variance]])):
-            if stepped:  # the gyro is far more precise than a step
-                self._steps_factor.learn(off**2 / variance)
+            turn_rad = float(imu.angular_velocity[2]) * dt
+            self._turns.compare(self._ukf.state, turn_rad, sigma_rad, motion, steps, dt, noise)
+        self._blind_s = blind_s + dt if odometry is None else None
+        self._ukf.predict(motion, steps, noise)
+        self.process_noise = noise
+        if turn_rad is not None:
             self._ukf.update_turn(turn_rad, sigma_rad, dt)
-            return
-        difference = off if not agreed else float(self._turns.total[0])
-        P[YAW, YAW] += difference**2
-        self._ukf.reset(Gaussian(state.mean, P))
 
     def update(self, sightings: Sequence[Sighting]) -> UpdateReport:
         """Update with the landmarks of one frame, all at once.

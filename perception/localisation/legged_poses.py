@@ -76,10 +76,10 @@ class LeggedLocaliser:
 
     def _predict(self, odometry: StepOdometry | None, imu: Imu | None, seconds: float) -> None:
         """Advance pose and keyframes."""
-        before, blind_s = self._localiser.state, self._localiser.blind_s
+        before = self._localiser.state
         self._localiser.predict(odometry, imu, seconds)
-        after, noise = self._localiser.state, self._localiser.noise
-        self._registration.predict(noise, before, odometry, seconds, after, blind_s)
+        noise, after = self._localiser.process_noise, self._localiser.state
+        self._registration.predict(before, odometry, noise, after)
 
     def register(self, seen: Sequence[StaticPoints]) -> RegistrationReport | None:
         """Register the static points of all depth sensors with the keyframes."""

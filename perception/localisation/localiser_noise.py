@@ -45,9 +45,7 @@ RANGE_WALK = 0.1  # ours: per square root of a second; other tags have another o
 NO_ODOMETRY_MPS = (
     0.10  # ours: without odometry the robot may walk on; steps of 0.08 m in 0.65 s at most
 )
-NO_ODOMETRY_SIGMA_RAD = (
-    0.4  # ours: per square root of a second without odometry, about one turning step
-)
+NO_ODOMETRY_RADPS = 0.22  # ours: likewise turn on; any rate up to that of turning steps, 0.37 rad/s
 
 
 FRESH = (
@@ -172,12 +170,13 @@ def process_noise(
         yaw: Heading, rad: slip is forward and lateral in the body frame.
         steps: Footsteps made.
         dt: Time passed, s.
-        blind_s: Time without odometry before the interval, s: the robot may have walked on all the while, so that the
-            deviation grows with the time; None: with odometry.
+        blind_s: Time without odometry before the interval, s: the robot may have walked and turned on all the while, so
+            that the deviation grows with the time; None: with odometry.
     """
     if blind_s is not None:
-        along = across = NO_ODOMETRY_MPS**2 * ((blind_s + dt) ** 2 - blind_s**2)
-        turn = NO_ODOMETRY_SIGMA_RAD**2 * dt
+        more = (blind_s + dt) ** 2 - blind_s**2
+        along = across = NO_ODOMETRY_MPS**2 * more
+        turn = NO_ODOMETRY_RADPS**2 * more
     else:
         standing_s = dt if steps == 0.0 else 0.0
         still = config.still_sigma_m**2 * standing_s
@@ -198,27 +197,20 @@ def process_noise(
 
 
 def linearised_motion(
-    config: LocaliserConfig,
-    before: Gaussian,
-    odometry: StepOdometry | None,
-    dt: float,
-    blind_s: float = 0.0,
+    before: Gaussian, odometry: StepOdometry | None, noise: Float[np.ndarray, "10 10"]
 ) -> tuple[Float[np.ndarray, "10 10"], Gaussian]:
     """Jacobian of the motion model, and the state after it to first order.
 
     Args:
-        config: Noise of steps.
         before: State, entries as in `filtering.models`.
         odometry: As given to the filter.
-        dt: Likewise, s.
-        blind_s: Time without odometry before, s.
+        noise: Covariance that the motion adds.
     """
     blind = odometry is None or not (
         bool(np.all(np.isfinite(odometry.motion.vector))) and math.isfinite(odometry.steps)
     )
     made = Pose2() if blind or odometry is None else odometry.motion
     steps = 0.0 if blind or odometry is None else abs(odometry.steps)
-    dt = max(dt, 0.0) if math.isfinite(dt) else 0.0
     x = before.mean
     c, s = math.cos(x[YAW]), math.sin(x[YAW])
     ahead, left = made.x + x[SLIP] * steps, made.y + x[LATERAL_SLIP] * steps
@@ -228,9 +220,8 @@ def linearised_motion(
     F[X, LATERAL_SLIP], F[Y, LATERAL_SLIP] = -s * steps, c * steps
     F[YAW, DRIFT] = F[TURN, DRIFT] = steps
     F[TURN, TURN] = 0.0
-    Q = process_noise(config, float(x[YAW]), steps, dt, blind_s if blind else None)
     return F, Gaussian(
-        models.walk(x, dt, made, steps), models.positive(F @ before.covariance @ F.T + Q)
+        models.walk(x, 0.0, made, steps), models.positive(F @ before.covariance @ F.T + noise)
     )
 
 

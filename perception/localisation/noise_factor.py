@@ -1,15 +1,21 @@
 """How much larger or smaller the noise is than configured, learnt from the innovations of a run.
 
-Another body slips otherwise, another camera sees otherwise. The factor moves while the innovations, in the mean, are
-larger than their covariance explains, or smaller than a share of it: errors that last through many frames, such as those
-of the neck's zero and of a tag's size, belong to the covariance and do not show from one frame to the next.
+Another body slips otherwise, another camera sees otherwise. The factor follows the mean of the squared innovations, by
+the first few tens quickly. It stays while they are, in the mean, no larger than their covariance explains and no smaller
+than a share of it: errors that last through many frames, such as those of the neck's zero and of a tag's size, belong to
+the covariance and do not show from one frame to the next.
 
 Source: ours; adaptive filters by innovations as in Mehra 1970.
 """
 
 from __future__ import annotations
 
-LEARN_SHARE = 0.04  # ours: weight of one innovation; some tens decide
+import math
+
+PRIOR, MEMORY = (
+    15,
+    60,
+)  # ours: innovations that the configured noise counts for; that the mean reaches back
 LARGEST_NIS = 10.0  # ours: an outlier says no more than this
 LEAST, MOST = 0.5, 3.0  # ours: bounds of the factor; too large a noise is safer than too small
 
@@ -26,11 +32,14 @@ class NoiseFactor:
         """
         self.value = 1.0
         self._least = least_nis
-        self._nis = 0.5 * (least_nis + 1.0)
+        self._squared = math.sqrt(
+            least_nis
+        )  # mean innovation squared, in variances of the configured noise
+        self._count = PRIOR
 
     def learn(self, nis: float) -> None:
         """Take in one normalised squared innovation, per degree of freedom."""
-        self._nis += LEARN_SHARE * (min(nis, LARGEST_NIS) - self._nis)
-        unexplained = self._nis / min(max(self._nis, self._least), 1.0)
-        self.value *= float(unexplained ** (LEARN_SHARE / 4.0))
-        self.value = min(max(self.value, LEAST), MOST)
+        self._count = min(self._count + 1, MEMORY)
+        self._squared += (min(nis, LARGEST_NIS) * self.value**2 - self._squared) / self._count
+        least, most = math.sqrt(self._squared), math.sqrt(self._squared / self._least)
+        self.value = min(max(min(max(self.value, least), most), LEAST), MOST)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,8 +30,10 @@ from ..primitives.gaussian import Gaussian
 from ..primitives.pose import Pose2, wrap_angle
 from ..primitives.settings import setting
 from . import _registration_kernels as kernels
+from . import scan_search
 from .keyframes import POSE_SIZE, KeyframePoses
-from .localiser_noise import LocaliserConfig, linearised_motion
+from .localiser_noise import linearised_motion
+from .noise_factor import NoiseFactor
 from .scan import Scan, joined
 
 log = logging.getLogger(__name__)
@@ -48,6 +51,7 @@ TURN_SIGMA_RAD = math.radians(0.4)  # walking trials: play of the neck
 CORRELATED = 1.5  # ours: number of neighbouring points with one common error
 GATE_M = 0.08  # ours: largest distance of corresponding points once the pose is known
 WIDEST_GATE_M = 0.40  # ours: the same for the most uncertain pose
+LEAST_NIS = 0.6  # ours: per degree of freedom; below, scans as a whole are claimed too uncertain
 FACING_DEG = 35.0  # ours: largest angle between corresponding normals
 OUTLIER_SIGMAS = 2.5  # ours: residual of half weight
 ROUNDS = 8  # ours: iterations of association and pose
@@ -59,6 +63,7 @@ FITTING_SHARE = 0.15  # ours: of those, the share that must fit; furniture may h
 ROUGH_M = 0.02  # ours: largest weighted residual of a good fit
 GATE_PROBABILITY = 0.9995  # ours: share of correct registrations inside the gate
 NEW_SHARE = 0.6  # ours: a keyframe is added where fewer points have correspondences
+SWEEP = 40  # ours: scans that are searched for together; the head has looked to both sides, the body turned
 REJECTED_SCANS = 25  # ours: in a row before recovery; 8 s in front of rearranged furniture
 RECOVERY_SIGMA_M = 0.25  # ours: added to the position then
 RECOVERY_SIGMA_RAD = math.radians(8.0)  # ours: and to the heading
@@ -91,8 +96,9 @@ class RegistrationReport:
     """Result of one registration.
 
     Args:
-        outcome: "used", "new" (no overlap: the scan became a keyframe), "poor" (too few points or
-            correspondences), "rough" (no pose fits) or "gate" (fits, but too far from the expected pose).
+        outcome: "used", "new" (no overlap: the scan became a keyframe), "adrift" (the pose is too uncertain for
+            that, and was not found), "poor" (too few points or correspondences), "rough" (no pose fits) or "gate"
+            (fits, but too far from the expected pose).
         correspondences: Number of points with a correspondence.
         nis: Normalised innovation squared, chi-square with `degrees` degrees of freedom if consistent.
         degrees: Number of observable directions of current pose and keyframes together.
@@ -117,26 +123,27 @@ class Registration:
         self._used: list[int] = []  # scan at which each was last used
         self._count = 0
         self._rejected = 0
+        self._walks = False  # whether the robot made a step since the last scan
+        self.factor = NoiseFactor(LEAST_NIS)
+        """Of the standard deviations of a scan as a whole."""
+        self._adrift: list[tuple[Pose2, Scan]] = []  # seen since the pose is too uncertain
 
     def predict(
         self,
-        localiser: LocaliserConfig,
         before: Gaussian,
         odometry: StepOdometry | None,
-        dt: float,
+        noise: Float[np.ndarray, "10 10"],
         after: Gaussian,
-        blind_s: float = 0.0,
     ) -> None:
         """Follow a prediction of the pose filter.
 
         Args:
-            localiser: Its noise.
             before, after: Its state.
             odometry: As given to the filter.
-            dt: Likewise, s.
-            blind_s: Time without odometry before, s.
+            noise: Covariance that it added.
         """
-        F, predicted = linearised_motion(localiser, before, odometry, dt, blind_s)
+        self._walks = odometry is not None and odometry.steps != 0.0
+        F, predicted = linearised_motion(before, odometry, noise)
         self.keyframes.predict(before, F, predicted, after)
 
     def correct(self, before: Gaussian, after: Gaussian) -> None:
@@ -172,7 +179,7 @@ class Registration:
         if report.outcome in ("rough", "gate"):
             state = self._recover(state, anchored)
         elif report.outcome == "used":
-            self._rejected = 0
+            self._rejected, self._adrift = 0, []
         if fresh and self._rejected == 0:
             self._scans.append(scan)
             centre, radius = _circle(scan)
@@ -193,6 +200,7 @@ class Registration:
         noise = np.zeros((POSE_SIZE, POSE_SIZE))
         noise[:2, :2] = R @ np.diag(own) @ R.T
         noise[2, 2] = TURN_SIGMA_RAD**2
+        noise *= self.factor.value**2
         if shift is not None:
             x, y = Pose2(yaw=float(state.mean[YAW])).rotation @ shift[:2]
             moved = np.array([x, y, shift[2]])
@@ -203,16 +211,30 @@ class Registration:
         """Update with the current scan, whose sensor pose is the last keyframe; also the share of known points."""
         if not self._scans:
             return state, RegistrationReport("new"), 0.0
-        chosen, gate, known = self._overlapping(state, scan)
+        start = Pose2(*self.keyframes.pose(-1).tolist())
+        apart = 3.0 * self._relative_sigma(state, range(len(self._scans)))
+        near = self._within_reach(scan.at(start), apart)
+        unknown = "new" if self._rejected == 0 else "gate"
+        if GATE_M + apart > WIDEST_GATE_M:
+            unknown = "adrift"
+        if not near:
+            return state, RegistrationReport(unknown), 0.0
+        gate = GATE_M + 3.0 * self._relative_sigma(state, near)
+        if gate > WIDEST_GATE_M:
+            found = self._search(state, self._around(scan), near)
+            if found is None:
+                return state, RegistrationReport(unknown), 0.0
+            start, gate = found, WIDEST_GATE_M
+        chosen, known = self._overlapping(scan.at(start), near)
         if not chosen:
-            return state, RegistrationReport("new" if self._rejected == 0 else "gate"), 0.0
-        fit = self._fit(state, scan, chosen, gate)
+            return state, RegistrationReport(unknown), 0.0
+        fit = self._fit(state, scan, chosen, gate, start)
         share = fit.correspondences / len(scan)
         if known >= KNOWN_SHARE and share < FITTING_SHARE * known:
             # a known place that does not fit
             return state, RegistrationReport("rough", fit.correspondences), share
         if fit.correspondences < LEAST_POINTS or share < LEAST_SHARE:
-            outcome = "new" if self._rejected == 0 else "poor"
+            outcome = "poor" if unknown == "gate" else unknown
             return state, RegistrationReport(outcome, fit.correspondences), share
         if fit.roughness > ROUGH_M**2:
             return state, RegistrationReport("rough", fit.correspondences), share
@@ -220,6 +242,8 @@ class Registration:
         S = self.keyframes.innovation_covariance(state, indices, fit.H)
         nis = float(fit.innovation @ np.linalg.solve(S, fit.innovation))
         degrees = len(fit.H)
+        if self._walks:  # standing, it errs the same way again
+            self.factor.learn(nis / POSE_SIZE)  # keyframes among themselves hardly differ
         if nis > chi_square_quantile(GATE_PROBABILITY, degrees):
             return state, RegistrationReport("gate", fit.correspondences, nis, degrees), share
         for j in chosen:
@@ -227,33 +251,39 @@ class Registration:
         state = self.keyframes.update(state, indices, fit.H, fit.innovation)
         return state, RegistrationReport("used", fit.correspondences, nis, degrees), share
 
-    def _overlapping(self, state: Gaussian, scan: Scan) -> tuple[list[int], float, float]:
-        """Keyframes with most correspondences, best first; the gate, m; the share of known points."""
-        last = len(self.keyframes) - 1
-        level = scan.at(Pose2(*self.keyframes.pose(last).tolist()))
-        near = self._within_reach(level)
-        if not near:
-            return [], GATE_M, 0.0
-        gate = min(GATE_M + 3.0 * self._relative_sigma(state, near), WIDEST_GATE_M)
+    def _around(self, scan: Scan) -> Scan:
+        """The scan with those before it since the pose is uncertain: what the head has seen from here."""
+        now = Pose2(*self.keyframes.pose(-1).tolist())
+        self._adrift = [*self._adrift, (now, scan)][-SWEEP:]
+        return joined([one.at(now.inverse() @ pose) for pose, one in self._adrift])
+
+    def _search(self, state: Gaussian, scan: Scan, near: list[int]) -> Pose2 | None:
+        """The sensor pose among these keyframes, to within a cell; None if it is not the only one."""
+        views = [(Pose2(*self.keyframes.pose(j).tolist()), self._scans[j]) for j in near]
+        given = np.linalg.inv(self._given_keyframes(state, near))
+        return scan_search.find(scan, views, Gaussian(self.keyframes.pose(-1), given))
+
+    def _overlapping(self, level: Scan, near: list[int]) -> tuple[list[int], float]:
+        """Those keyframes with most correspondences, best first, and the share of points with any."""
         map_scan, first, _ = self._map(near)
         found = self._correspondences(level, map_scan, first, WIDEST_GATE_M)
         counts = np.sum(found >= 0, axis=0)
         order = np.argsort(-counts, kind="stable")[:TOGETHER]
         chosen = [near[j] for j in order if 2 * counts[j] >= LEAST_POINTS]
-        return chosen, gate, float(np.mean(np.any(found >= 0, axis=1)))
+        return chosen, float(np.mean(np.any(found >= 0, axis=1)))
 
-    def _within_reach(self, level: Scan) -> list[int]:
-        """Keyframes that may overlap with the scan, by bounding circles."""
+    def _within_reach(self, level: Scan, apart: float) -> list[int]:
+        """Keyframes that may overlap with the scan, which may be elsewhere by this distance, by bounding circles."""
         centre, radius = _circle(level)
         poses = self.keyframes.mean.reshape(-1, POSE_SIZE)[:-1]
         local = np.array(self._circles)
         c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         x = poses[:, 0] + c * local[:, 0] - s * local[:, 1] - centre[0]
         y = poses[:, 1] + s * local[:, 0] + c * local[:, 1] - centre[1]
-        reach = local[:, 2] + radius + GATE_M
+        reach = local[:, 2] + radius + GATE_M + apart
         return [int(j) for j in np.flatnonzero(x * x + y * y < reach * reach)]
 
-    def _relative_sigma(self, state: Gaussian, near: list[int]) -> float:
+    def _relative_sigma(self, state: Gaussian, near: Sequence[int]) -> float:
         """Standard deviation of the distance of corresponding points by the pose uncertainty, m.
 
         That of the keyframe with the highest correlation.
@@ -285,13 +315,15 @@ class Registration:
         )
         return found
 
-    def _fit(self, state: Gaussian, scan: Scan, chosen: list[int], gate: float) -> _Fit:
+    def _fit(
+        self, state: Gaussian, scan: Scan, chosen: list[int], gate: float, start: Pose2
+    ) -> _Fit:
         """Correspondences and pose in turn with fixed keyframes; then the normal equations of all poses."""
         last = len(self.keyframes) - 1
         map_scan, first, poses = self._map(chosen)
         prior = self.keyframes.pose(last).copy()
         trust = self._given_keyframes(state, chosen)
-        now = prior.copy()
+        now = start.vector
         size = POSE_SIZE * (1 + len(chosen))
         A, b = np.empty((size, size)), np.empty(size)
         used, roughness = 0, math.inf

@@ -154,7 +154,7 @@ def test_noise_that_is_half_or_one_and_a_half_times_as_large_is_learnt(noise):
     The errors here are all new in every frame, so that the smaller ones are still claimed too large.
     """
     runs = [walk(seed, frames=200, noise=noise, reach_m=6.0) for seed in range(6)]
-    assert 0.3 < np.mean([w.nees[100:].mean() for w in runs]) / 3.0 < 2.0
+    assert 0.4 < np.mean([w.nees[100:].mean() for w in runs]) / 3.0 < 2.0
     learnt = (
         np.mean([w.filter.noise.step_x_sigma_m for w in runs]) / LocaliserConfig().step_x_sigma_m
     )

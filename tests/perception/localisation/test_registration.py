@@ -30,12 +30,13 @@ START = np.diag([0.001, 0.001, 0.05 * DEG]) ** 2
 ROOM = [((0, 0), (4, 0)), ((4, 0), (4, 3)), ((4, 3), (0, 3)), ((0, 3), (0, 0)), ((2, 3), (2, 2.2))]
 WALL = [((-3, 1), (9, 1))]
 NOISE_M = 0.003
+Walls = list[tuple[tuple[float, float], tuple[float, float]]]
 HALF_VIEW = 0.7
 REACH_M = 4.5
 
 
 def seen(
-    walls: list[tuple[tuple[float, float], tuple[float, float]]],
+    walls: Walls,
     apparent: Pose2,
     pan: float,
     rng: np.random.Generator,
@@ -95,6 +96,15 @@ class Body:
         return self.true @ Pose2(float(ahead), float(lateral), float(turn) + self.pan_offset)
 
 
+def predict(
+    filter: PoseFilter, map: Registration, odometry: StepOdometry | None, imu: Imu | None, dt: float
+) -> None:
+    """Advance filter and map."""
+    before = filter.state
+    filter.predict(odometry, imu, dt)
+    map.predict(before, odometry, filter.process_noise, filter.state)
+
+
 def walk(
     seed: int, frames: int = 160, on: bool = True, config: RegistrationConfig | None = None
 ) -> tuple[np.ndarray, np.ndarray, Registration]:
@@ -106,9 +116,7 @@ def walk(
     errors, covariances = [], []
     for k in range(frames):
         odometry, imu = body.step(still=k < 8)
-        before = filter.state
-        filter.predict(odometry, imu, 0.325)
-        map.predict(localiser, before, odometry, 0.325, filter.state)
+        predict(filter, map, odometry, imu, 0.325)
         if on:
             pan = (0.0, 0.7, 0.0, -0.7)[k % 4]
             state, _ = map.register(filter.state, seen(ROOM, body.apparent(), pan, body.rng), pan)
@@ -197,15 +205,62 @@ def test_after_a_small_displacement_it_recovers_the_pose() -> None:
         map.register(filter.state, seen(ROOM, here, pan, rng), pan)
     there = here @ Pose2(0.12, 0.08, 4 * DEG)
     for k in range(50):
-        before = filter.state
-        filter.predict(StepOdometry(Pose2(), 0.0), None, 0.3)
-        map.predict(filter.config, before, StepOdometry(Pose2(), 0.0), 0.3, filter.state)
+        predict(filter, map, StepOdometry(Pose2(), 0.0), None, 0.3)
         pan = (0.0, 0.7, -0.7)[k % 3]
         state, _ = map.register(filter.state, seen(ROOM, there, pan, rng), pan)
         filter.set_state(state)
     error = filter.pose.mean - there.vector
     assert np.linalg.norm(error[:2]) < 0.02
     assert abs(error[2]) < 1.0 * DEG
+
+
+def after_a_gap(
+    seed: int, seconds: float, walls: Walls
+) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Error, covariance and outcomes of a robot that walked and turned on while nothing was measured, then stands.
+
+    Before it has looked round; afterwards the head turns to both sides.
+    """
+    body = Body(seed, Pose2(1.0, 0.9, 0.1), 2.4 * DEG)
+    filter, map = PoseFilter(Gaussian(body.true.vector, START), []), Registration()
+    pans = (0.0, 0.7, 1.4, 0.7, 0.0, -0.7, -1.4, -0.7)
+    for k in range(24):
+        predict(filter, map, *body.step(still=k < 8), 0.325)
+        pan = pans[k % 8]
+        filter.set_state(
+            map.register(filter.state, seen(walls, body.apparent(), pan, body.rng), pan)[0]
+        )
+    turn = 0.37 * seconds * float(body.rng.uniform(-1.0, 1.0))
+    body.true = body.true @ Pose2(0.05 * seconds, 0.0, turn)
+    predict(filter, map, None, None, seconds)
+    outcomes = []
+    for k in range(8):
+        predict(filter, map, StepOdometry(Pose2(), 0.0), None, 0.325)
+        state, report = map.register(
+            filter.state, seen(walls, body.apparent(), pans[k], body.rng), pans[k]
+        )
+        filter.set_state(state)
+        outcomes.append(report.outcome)
+    error = filter.pose.mean - body.true.vector
+    error[2] = wrap_angle(float(error[2]))
+    return error, filter.pose.covariance, outcomes
+
+
+@pytest.mark.parametrize(("seconds", "least"), [(1.0, 12), (2.5, 8)])
+def test_after_a_gap_in_all_measurements_the_map_gives_the_pose_back(
+    seconds: float, least: int
+) -> None:
+    """Who is not found after looking to both sides knows that."""
+    found, gone = [], []
+    for error, covariance, outcomes in (after_a_gap(seed, seconds, ROOM) for seed in range(12)):
+        squared = float(error @ np.linalg.solve(covariance, error))
+        (gone if outcomes[-1] == "adrift" else found).append(squared)
+        if outcomes[-1] != "adrift":
+            assert math.hypot(*error[:2]) < 0.05
+            assert abs(error[2]) < 2.0 * DEG
+    assert len(found) >= least
+    assert np.mean(found) < 4.9  # 3 if consistent; 99 % of twelve samples below
+    assert not gone or np.mean(gone) < 6.0
 
 
 def test_a_map_that_contradicts_the_landmarks_is_dropped() -> None:
@@ -236,7 +291,8 @@ def test_linearised_motion_agrees_with_the_motion_model() -> None:
     x[models.YAW] = 0.7
     odometry = StepOdometry(Pose2(0.03, 0.01, 0.1), 0.6)
     P = np.eye(models.WALKER_SIZE) * 1e-4
-    F, predicted = linearised_motion(LocaliserConfig(), Gaussian(x, P), odometry, 0.3)
+    Q = process_noise(LocaliserConfig(), 0.7, 0.6, 0.3, blind_s=None)
+    F, predicted = linearised_motion(Gaussian(x, P), odometry, Q)
     for k in range(models.WALKER_SIZE):
         up, down = x.copy(), x.copy()
         up[k] += 1e-5
@@ -246,7 +302,6 @@ def test_linearised_motion_agrees_with_the_motion_model() -> None:
             - models.walk(down, 0.3, odometry.motion, 0.6)
         ) / 2e-5
         assert np.allclose(F[:, k], column, atol=1e-8)
-    Q = process_noise(LocaliserConfig(), 0.7, 0.6, 0.3, blind_s=None)
     assert np.allclose(predicted.covariance, F @ P @ F.T + Q, atol=1e-12)
 
 
