@@ -2,40 +2,80 @@
 
 A planner decides by what it is told of the world. When the sensors contradict each other, or show nothing, it is told
 too little, whichever planner it is: then the robot makes shorter steps, or stands until they agree again. The gaze
-stays the planner's, so that the cameras go on looking. Source: ours.
+stays the planner's, so that the cameras go on looking. A robot that only does not know where it is looks for what it
+knows: first the head turns to both sides, then the body turns on the spot. Source: ours.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from dataclasses import replace
 
-from perception.monitoring.status import SLOW, STAND, Doubt
+from mapping.grid.evidence import OCCUPIED
+from perception.monitoring.status import LOST, SLOW, STAND
+from perception.primitives.robot_model import RobotModel
 
-from ..commands import WalkCommand
+from ..commands import GazeCommand, WalkCommand
+from ..gaze.sweep import SURVEY_PANS_DEG, TILT_DEG
+from ..world_model import WorldModel
 from .planner import Decision
 
 SHORTER = 0.5  # ours: half a step leads along the same curve, and stops in half the way
+LOOKS = "look around"
 
 
-def cautious(decision: Decision, status: Sequence[Doubt]) -> Decision:
-    """The decision with a shorter footstep, or none, if a doubt asks for it.
+class Caution:
+    """Makes the decisions of a walk cautious; remembers how long the robot has looked around."""
 
-    Args:
-        decision: The planner's.
-        status: What is doubted.
-    """
-    stand = [one.words for one in status if one.asks == STAND]
-    if stand:
-        return replace(decision, walk=WalkCommand(), why=f"stand: {stand[0]}")
-    slow = [one.words for one in status if one.asks == SLOW]
-    if not slow:
-        return decision
-    walk = decision.walk
-    shorter = replace(
-        walk,
-        forward_m=SHORTER * walk.forward_m,
-        lateral_m=SHORTER * walk.lateral_m,
-        turn_rad=SHORTER * walk.turn_rad,
-    )
-    return replace(decision, walk=shorter, why=f"slow: {slow[0]}, {decision.why}")
+    def __init__(self, robot: RobotModel) -> None:
+        self._robot = robot
+        self._looks = 0
+
+    def apply(self, decision: Decision, world: WorldModel) -> Decision:
+        """The decision with a shorter footstep, or none, if a doubt asks for it.
+
+        Args:
+            decision: The planner's.
+            world: With the status.
+        """
+        status = world.estimate.status
+        stand = [one.words for one in status if one.asks == STAND]
+        self._looks = self._looks + 1 if stand == [LOST] else 0
+        if self._looks:
+            return self._look_around(decision, world)
+        if stand:
+            return replace(decision, walk=WalkCommand(), why=f"stand: {stand[0]}")
+        slow = [one.words for one in status if one.asks == SLOW]
+        if not slow:
+            return decision
+        walk = decision.walk
+        shorter = replace(
+            walk,
+            forward_m=SHORTER * walk.forward_m,
+            lateral_m=SHORTER * walk.lateral_m,
+            turn_rad=SHORTER * walk.turn_rad,
+        )
+        return replace(decision, walk=shorter, why=f"slow: {slow[0]}, {decision.why}")
+
+    def _look_around(self, decision: Decision, world: WorldModel) -> Decision:
+        """The next look of a robot that is lost: by the head, then by turning the body where there is room."""
+        limit, tilt = math.radians(self._robot.head.pan_deg), math.radians(TILT_DEG)
+        turn_rad = self._robot.gait.max_turn_rad
+        whole = len(SURVEY_PANS_DEG) + math.ceil(2.0 * math.pi / turn_rad)
+        look = (self._looks - 1) % whole
+        pan, turn = 0.0, turn_rad
+        if look < len(SURVEY_PANS_DEG):
+            pan, turn = math.radians(SURVEY_PANS_DEG[look]), 0.0
+        elif not self._has_room(world):
+            turn = 0.0
+        gaze = GazeCommand(min(max(pan, -limit), limit), tilt)
+        why = f"stand: {LOST}" if turn == 0.0 else f"{LOOKS}: {LOST}"
+        return replace(decision, walk=WalkCommand(0.0, 0.0, turn), gaze=gaze, why=why)
+
+    def _has_room(self, world: WorldModel) -> bool:
+        """Whether nothing stands in the circle of the body."""
+        if world.grid is None or world.pose is None:
+            return False
+        grid = world.grid
+        places = grid.centres()[grid.known & (grid.probability >= OCCUPIED)] - world.pose.mean[:2]
+        return not bool((places**2).sum(axis=1).min(initial=math.inf) < self._robot.radius_m**2)

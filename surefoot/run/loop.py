@@ -9,8 +9,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from perception.primitives.frame import Frame
+from perception.primitives.robot_model import DARWIN_OP, RobotModel
 from perception.primitives.stopwatch import Stopwatch
-from planning.planners.caution import cautious
+from planning.planners.caution import Caution
 from planning.planners.planner import Decision, Planner
 from planning.world_model import WorldModel
 
@@ -35,7 +36,12 @@ class Cycle:
     feet: Feet | None = None
 
 
-def cycles(body: Body, perception: PerceptionSource, planner: Planner | None) -> Iterator[Cycle]:
+def cycles(
+    body: Body,
+    perception: PerceptionSource,
+    planner: Planner | None,
+    robot: RobotModel = DARWIN_OP,
+) -> Iterator[Cycle]:
     """The cycles of a walk or a recording, until the mission is finished or the frames end.
 
     The body receives the command of a cycle before the cycle is yielded, and executes it with its next step.
@@ -44,7 +50,9 @@ def cycles(body: Body, perception: PerceptionSource, planner: Planner | None) ->
         body: A robot, or the playback of a recording.
         perception: Computes the world model.
         planner: Decides on footstep and gaze; None for a recording.
+        robot: The body as the planner knows it.
     """
+    caution = Caution(robot)
     while (frame := body.read()) is not None:
         feet = body.feet()
         world = perception.cycle(frame)
@@ -53,7 +61,7 @@ def cycles(body: Body, perception: PerceptionSource, planner: Planner | None) ->
             with watch.stage("decide"):
                 planner.observe(world)
                 if frame.footstep_due:
-                    decision = cautious(planner.decide(world), world.estimate.status)
+                    decision = caution.apply(planner.decide(world), world)
         world.estimate.timing_ms.update(watch.milliseconds)
         if decision is not None:
             body.walk(decision.walk)

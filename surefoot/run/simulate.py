@@ -126,7 +126,7 @@ def simulate(
             page.watch(folder)
         interrupted = False
         stopped = stack.enter_context(stop_requested())
-        for cycle in cycles(body, pipeline, planner):
+        for cycle in cycles(body, pipeline, planner, config.planning.robot):
             truth.note(cycle.world.stamp_s, faults.touched())
             moment = recorder.note(cycle)
             if page is not None and moment is not None:
