@@ -126,13 +126,13 @@ class _Raster:
                 empty[chosen[:, 0], chosen[:, 1]] = 0
                 away = cv2.distanceTransform(empty, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
                 near[k] = np.maximum(1.0 - away / NEAR_CELLS, 0.0)
-        seen = (near > 0.0).any(axis=0).astype(np.uint8)
+        seen = np.asarray(np.any(near > 0.0, axis=0), np.uint8)
         for (pose, scan), eye in zip(views, eyes, strict=True):
             order = np.argsort(np.arctan2(scan.points[:, 1], scan.points[:, 0]))
             outline = np.concatenate([eye[None], pose.apply(scan.points[order])])
             cells = np.rint((outline - corner) / cell).astype(np.int32)
             cv2.fillPoly(seen, [np.ascontiguousarray(cells[:, ::-1])], (1,))
-        return cls(near, seen.view(np.bool_), corner, cell)
+        return cls(near, np.asarray(seen > 0), corner, cell)
 
     def fit(
         self, level: Scan, thin: slice, moves: Float[np.ndarray, "m 2"]
