@@ -29,6 +29,8 @@ HIDING_SHARE = 0.02  # of the image width: distance in the image from an occludi
 NEAR_M = 0.03  # of points this close to the least depth, the front may be missing
 BESIDE_M = 0.04  # distance beside a border point at which another view must have a depth
 CUT_M = 0.10  # least depth step of an occlusion; distance from the largest depth used
+WHOLE, CUT = -1, -2
+"""A point at which nothing ends, and one at which its object ends."""
 MOVES = 0.5  # ours: probability from which the map treats an obstacle as moving
 MARGIN_M = 0.06  # ours: position error of a track and noise of the points
 BEHIND_M = 0.05  # ours: beside its noise, how much farther a depth is that shows a point to be free
@@ -73,17 +75,21 @@ def truncated(
     points: Points,
     reach: ReachConfig,
     others: Sequence[SegmentedView] = (),
-) -> Bool[np.ndarray, "n"]:
-    """Points at which the visible part of an object may end: image border, depth range, occluding edge.
+) -> Int[np.ndarray, "n"]:
+    """Where the visible part of an object may end: at the image border, the depth range, or something nearer.
 
     A border point does not count if another view of the frame has a depth beyond it. The left border of a
     stereo pair is where its right image ends.
 
     Args:
         view: The view.
-        points: Points of it, camera frame.
+        points: Points of it in row order, camera frame.
         reach: Range of depths used.
         others: Other views of the same frame.
+
+    Returns:
+        For each point `WHOLE`, `CUT`, or the index of the nearer point beside it: the object ends there unless both
+        points are its own. An edge has mixed pixels behind it, which are of the same object.
     """
     camera, depth = view.depth.camera, view.depth
     u, z = points.pixels % camera.width, points.xyz[:, 2]
@@ -93,12 +99,28 @@ def truncated(
     beyond = points.xyz[border]
     beyond[:, 0] += np.where(left[border], -BESIDE_M, BESIDE_M)
     border[border] = ~_has_depth(view.T_map_camera.apply(beyond), others)
-    measured = np.where(np.isfinite(depth.z), depth.z, np.float32(np.inf))
-    width = 2 * max(1, round(HIDING_SHARE * camera.width)) + 1
-    nearest = cv2.erode(measured, np.ones((1, width), np.uint8)).ravel()[points.pixels]
-    hidden = measured.ravel()[points.pixels] - nearest > CUT_M
     ends = (z < reach.nearest_m + NEAR_M) | (z > reach.farthest_m - CUT_M)
-    return np.asarray(border | hidden | ends)
+    found = _hiders(depth, points)
+    found[border | ends] = CUT
+    return found
+
+
+def _hiders(depth: Depth, points: Points) -> Int[np.ndarray, "n"]:
+    """Index of the nearest point beside each point, if it is nearer by a step; `CUT` if it is none of these points."""
+    width = depth.camera.width
+    half = max(1, round(HIDING_SHARE * width))
+    measured = np.where(np.isfinite(depth.z), depth.z, np.float32(np.inf))
+    kernel = np.ones((1, 2 * half + 1), np.uint8)
+    nearest = cv2.erode(measured, kernel).ravel()[points.pixels]
+    hidden = np.flatnonzero(measured.ravel()[points.pixels] - nearest > CUT_M)
+    found = np.full(len(points), WHOLE)
+    pixels = points.pixels[hidden, None]
+    beside = np.arange(-half, half + 1) + pixels % width
+    beside = np.clip(beside, 0, width - 1) + pixels - pixels % width
+    hiders = beside[np.arange(len(hidden)), np.argmin(measured.ravel()[beside], axis=1)]
+    index = np.minimum(np.searchsorted(points.pixels, hiders), len(points) - 1)
+    found[hidden] = np.where(points.pixels[index] == hiders, index, CUT)
+    return found
 
 
 def _has_depth(

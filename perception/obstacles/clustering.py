@@ -24,6 +24,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
+from ..floor.segmented_view import CUT
 from ..primitives.errors import ConfigError, InputError
 from ..primitives.settings import setting
 from . import circle_fit
@@ -103,6 +104,7 @@ class Cluster:
         whole: Whether it is not truncated.
         circular: Whether it is truncated, but a circle was fitted to its front.
         surface: Indices of points on its front, away from its edges and its foot.
+        goes_on_above: Whether the upper border of the image cuts it.
     """
 
     centre: Float[np.ndarray, "2"]
@@ -114,6 +116,7 @@ class Cluster:
     whole: bool = True
     circular: bool = False
     surface: Int[np.ndarray, "k"] = field(default_factory=lambda: np.zeros(0, np.int64))
+    goes_on_above: bool = False
 
     @property
     def placed(self) -> bool:
@@ -131,8 +134,9 @@ def cluster(
     sigma: Float[np.ndarray, "n"],
     sensor_xy: Float[np.ndarray, "2"],
     config: ClusterConfig | None = None,
-    truncated: Bool[np.ndarray, "n"] | None = None,
+    truncated: Int[np.ndarray, "n"] | None = None,
     floor_band: Float[np.ndarray, "n"] | None = None,
+    uppermost: Bool[np.ndarray, "n"] | None = None,
 ) -> list[Cluster]:
     """Separate objects, the nearest to the sensor first.
 
@@ -142,10 +146,11 @@ def cluster(
         sigma: Standard deviation of each point along its ray, m.
         sensor_xy: Position of the sensor, m.
         config: Sizes.
-        truncated: Points at which the visible part of an object ends (`segmented_view.truncated`); None:
-            no object is truncated.
+        truncated: Where the visible part of an object ends, as `segmented_view.truncated` gives it; None: no
+            object is truncated.
         floor_band: Height at each point up to which it may be floor, with all errors of the plane
             (`classify.band`), m; a cluster whose top does not exceed it is none. None: the least height alone.
+        uppermost: Points at the upper border of the image; None: no object reaches it.
 
     Raises:
         InputError: Points or sigma are not finite.
@@ -174,7 +179,8 @@ def cluster(
         if mass < config.least_points:
             continue
         mine = order[first:last]
-        whole = truncated is None or np.count_nonzero(truncated[mine]) < TRUNCATED_POINTS
+        whole = truncated is None or _ends(truncated, mine, labels) < TRUNCATED_POINTS
+        above = uppermost is not None and np.count_nonzero(uppermost[mine]) >= TRUNCATED_POINTS
         mine = mine[:: max(len(mine) // ENOUGH, 1)]
         members = points[mine]
         height = float(np.quantile(members[:, 2], 0.99))
@@ -185,8 +191,17 @@ def cluster(
         if not whole:
             measured = _with_circle(replace(measured, whole=False), members, sensor_xy)
         surface = mine[_front(members, sensor_xy, height)]
-        found.append(replace(measured, surface=surface))
+        found.append(replace(measured, surface=surface, goes_on_above=above))
     return sorted(found, key=lambda c: float(np.hypot(*(c.centre - sensor_xy))))
+
+
+def _ends(
+    truncated: Int[np.ndarray, "n"], mine: Int[np.ndarray, "k"], labels: Int[np.ndarray, "n"]
+) -> int:
+    """Number of points of an object at which it ends; its own nearer points do not end it."""
+    beside = truncated[mine]
+    hider = np.where(beside >= 0, beside, mine)
+    return int(np.count_nonzero((beside == CUT) | (labels[hider] != labels[mine])))
 
 
 def _label_objects(

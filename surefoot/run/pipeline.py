@@ -44,7 +44,7 @@ from perception.monitoring.clock import RunClock, ends
 from perception.monitoring.pictures import PictureWatch
 from perception.monitoring.status import SLOW, Doubt, StatusBoard
 from perception.monocular.colour_floor import ColourFloor, ColourFloorFinder, seen_by_any
-from perception.obstacles import clustering, colour_detection
+from perception.obstacles import clustering, colour_detection, legs
 from perception.obstacles.clustering import Cluster
 from perception.obstacles.track import Detection
 from perception.obstacles.tracker import ObstacleTracker
@@ -61,6 +61,7 @@ from ..config.schema import Config
 from ..recordings.recording import RecordingInfo
 
 FLOORS = 6  # ours: floors that are compared with the joints together; two seconds of two cameras
+UPPER_ROWS = 2  # ours: of an image; what reaches them goes on above it
 HEIGHTS, MISPLACED_NIS = 4, 1e3
 """Ours: pictures whose tags are compared with their heights together; what a picture of misplaced tags counts."""
 
@@ -263,11 +264,14 @@ class Pipeline:
         )
         own = [view.points.of(k) for view, k in zip(views, rising, strict=True)]
         sensor = T_body_map.apply(views[0].T_map_camera.position)[:2]
-        cut, bands, in_space = [], [], []
+        cut, bands, in_space, upper, before = [], [], [], [], 0
         for view, chosen in zip(views, own, strict=True):
             reach = self.config.reach.of(view.sensor)
             others = [other for other in views if other is not view]
-            cut.append(truncated(view, chosen, reach, others))
+            beside = truncated(view, chosen, reach, others)
+            cut.append(np.where(beside >= 0, beside + before, beside))
+            before += len(chosen)
+            upper.append(chosen.pixels < UPPER_ROWS * view.depth.camera.width)
             bands.append(classify.band(chosen, view.floor, self.config.classes))
             in_space.append((T_body_map @ view.T_map_camera).apply(chosen.xyz))
         found = clustering.cluster(
@@ -277,7 +281,9 @@ class Pipeline:
             self.config.clusters,
             np.concatenate(cut),
             np.concatenate(bands),
+            np.concatenate(upper),
         )
+        found = legs.joined(found)
         points_in_body = np.concatenate(in_space)
         return found, [
             Detection(

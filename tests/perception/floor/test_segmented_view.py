@@ -8,7 +8,7 @@ import pytest
 from perception.depth.points import from_depth
 from perception.depth.reach import ReachConfig
 from perception.floor.classify import OBSTACLE
-from perception.floor.segmented_view import SegmentedView, Sight, truncated
+from perception.floor.segmented_view import CUT, WHOLE, SegmentedView, Sight, truncated
 from perception.primitives.camera import Camera
 from perception.primitives.frame import Depth
 from perception.primitives.plane import Plane
@@ -38,7 +38,7 @@ def post(camera, bearing_m, z_m, half_m=0.1, baseline_m=0.0, blank=False):
 def is_whole(view, others=()):
     front = view.points.xyz[:, 2] < 1.5
     assert front.any()
-    return not truncated(view, view.points.of(front), REACH, others).any()
+    return bool((truncated(view, view.points.of(front), REACH, others) == WHOLE).all())
 
 
 def test_a_post_is_truncated_at_either_side_of_the_image_but_not_in_the_middle():
@@ -80,8 +80,14 @@ def test_a_partly_occluded_object_is_truncated():
     behind = np.abs(cloud.xyz[:, 2] - 0.9) < 0.01
     assert behind.any()
     before = np.abs(cloud.xyz[:, 2] - 0.4) < 0.01
-    assert truncated(both, cloud.of(behind), REACH).any()
-    assert not truncated(both, cloud.of(before), REACH).any()
+    assert (truncated(both, cloud.of(behind), REACH) == CUT).any()
+    assert (truncated(both, cloud.of(before), REACH) == WHOLE).all()
+    beside = truncated(both, cloud, REACH)
+    ended = beside >= 0
+    assert ended.any()
+    assert behind[ended].any()
+    assert before[beside[ended & behind]].all()
+    assert not before[ended].any()
 
 
 def test_a_sight_sees_through_places_before_the_measured_depth_and_not_behind_or_at_it():

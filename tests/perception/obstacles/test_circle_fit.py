@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from perception.floor.segmented_view import CUT, WHOLE
 from perception.obstacles import clustering
 from perception.obstacles.circle_fit import fit
 from perception.obstacles.clustering import cluster
@@ -125,7 +126,8 @@ def test_a_round_object_too_close_to_be_whole_is_still_placed(away, monkeypatch)
     rng = np.random.default_rng(3)
     at = SENSOR + away * np.array([math.cos(0.3), math.sin(0.3)])
     points, sigma = upright(seen(circle(at, 0.18), -15.0, 22.0, rng))
-    edge = np.arctan2(*(points[:, :2] - SENSOR).T[::-1]) > math.radians(21.0)
+    outer = np.arctan2(*(points[:, :2] - SENSOR).T[::-1]) > math.radians(21.0)
+    edge = np.where(outer, CUT, WHOLE)
     (found,) = cluster(points, sigma, SENSOR, None, edge)
     assert found.placed
     assert found.circular
@@ -139,5 +141,6 @@ def test_a_round_object_too_close_to_be_whole_is_still_placed(away, monkeypatch)
 
 def test_a_truncated_wall_is_not_placed():
     points, sigma = upright(seen(wall(0.4, 10.0), -22.0, 22.0, np.random.default_rng(4)))
-    edge = np.abs(np.arctan2(*(points[:, :2] - SENSOR).T[::-1])) > math.radians(21.0)
+    outer = np.abs(np.arctan2(*(points[:, :2] - SENSOR).T[::-1])) > math.radians(21.0)
+    edge = np.where(outer, CUT, WHOLE)
     assert not any(one.placed for one in cluster(points, sigma, SENSOR, None, edge))

@@ -15,6 +15,7 @@ from perception.floor.choose import find
 from perception.floor.classify import FLOOR, classify
 from perception.floor.levelling import camera_above_floor
 from perception.floor.prior import handheld_prior
+from perception.floor.segmented_view import CUT, WHOLE
 from perception.obstacles.clustering import ClusterConfig, cluster
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, InputError
@@ -76,11 +77,23 @@ def lifted(points, height):
 
 def test_a_truncated_cluster_is_not_whole():
     points, sigma = see_cylinder(np.array([1.5, 0.0]), 0.10, 0.4, np.random.default_rng(0))
-    left = points[:, 1] > 0.07
+    left = np.where(points[:, 1] > 0.07, CUT, WHOLE)
     (found,) = cluster(points, sigma, SENSOR, None, left)
-    (other,) = cluster(points, sigma, SENSOR, None, np.zeros(len(points), dtype=bool))
+    (other,) = cluster(points, sigma, SENSOR, None, np.full(len(points), WHOLE))
     assert not found.whole
     assert other.whole
+
+
+def test_an_object_is_truncated_by_a_nearer_object_but_not_by_its_own_front():
+    rng = np.random.default_rng(0)
+    near, sigma_near = see_cylinder(np.array([0.8, 0.3]), 0.06, 0.4, rng)
+    far, sigma_far = see_cylinder(np.array([1.5, 0.0]), 0.10, 0.4, rng)
+    points, sigma = np.concatenate([near, far]), np.concatenate([sigma_near, sigma_far])
+    is_far = np.arange(len(points)) >= len(near)
+    left = is_far & (points[:, 1] > 0.07)
+    for hider, whole in ((0, False), (len(points) - 1, True)):
+        found = cluster(points, sigma, SENSOR, None, np.where(left, hider, WHOLE))
+        assert [one.whole for one in found] == [True, whole]
 
 
 @pytest.mark.parametrize("distance", [0.5, 1.0, 1.5, 2.2])
