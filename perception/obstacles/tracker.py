@@ -23,6 +23,7 @@ from ..primitives import plugins
 from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
 from ..primitives.obstacle import Obstacle
+from ..primitives.pose import Pose2
 from ..primitives.settings import setting
 from .motion_model import MEMBERS, MODELS, MotionModel
 from .record import Record, Snapshot, Through, doubt_carried
@@ -37,7 +38,12 @@ MISSES_OF_NEW = (
 OLDEST_NEW_S = 3.0  # ours: time without detection that ends a track not yet reported
 RADIUS_SIGMA_M = 0.012  # ours: of the radius between two complete views of an obstacle
 UNLIKE_SHARE = 0.001  # ours: share of the likelihood left to a detection of another size
-SAME_SHARE = 0.5  # ours: tracks closer than this share of their radii are one obstacle
+SAME_SHARE = (
+    0.5  # ours: tracks closer, and known better, than this share of their radii are one obstacle
+)
+PART_OF = (
+    0.7  # ours: a detection inside a track, smaller than this share of its radius, is a part of it
+)
 PART_SHARE = 1.5  # ours: largest radius of a truncated detection, in radii of the track
 PART_M = 0.03  # ours: position error of a truncated detection of the full radius
 PART_OFF = 2.5  # ours: its growth per metre of missing radius
@@ -52,11 +58,11 @@ class TrackerConfig:
     misses_to_die: int = setting(
         5, "", "frames without detection, though visible, that end a track", "ours"
     )
-    oldest_s: float = 12.0  # ours: a moving obstacle may be anywhere by then; time without detection that ends a track
+    oldest_s: float = 20.0  # ours: a moving obstacle may be anywhere by then; time without detection that ends a track
     max_radius_m: float = setting(
         0.35, "m", "radius above which a detection is not tracked", "ours: furniture is in the map"
     )
-    largest_sigma_m: float = 0.5  # ours: position uncertainty that ends a track
+    largest_sigma_m: float = 0.8  # ours: position uncertainty that ends a track
     motion_model: str = setting(
         "switching",
         "",
@@ -156,6 +162,8 @@ class ObstacleTracker:
             self.innovations.append(Innovation(record.number, innovation.whitened))
             record.seen_s, record.hits, record.misses = stamp_s, record.hits + 1, 0
             record.compare(Snapshot.of(usable[choice], stamp_s, robot, through))
+        parts = self._parts(usable, set(given.values()), robot)
+        truncated = [*truncated, *(usable[choice] for choice in parts)]
         confirmed = self._seen_in_part(set(given), truncated, robot)
         for index, part in confirmed.items():
             record = self._records[index]
@@ -166,7 +174,7 @@ class ObstacleTracker:
                 record.compare(Snapshot.of(part, stamp_s, robot, through))
         self._miss(given.keys() | confirmed.keys(), visible)
         self._records = [record for record in self._records if self._survives(record, stamp_s)]
-        taken = set(given.values())
+        taken = {*given.values(), *parts}
         for choice, seen in enumerate(usable):
             if choice not in taken:
                 self._born += 1
@@ -209,12 +217,7 @@ class ObstacleTracker:
         """
         if not truncated:
             return {}
-        centres = np.array([part.position for part in truncated])
-        x, y, yaw = robot.mean.tolist()
-        heading = np.array([math.cos(yaw), math.sin(yaw)])
-        places = (
-            np.array([x, y]) + centres[:, :1] * heading + centres[:, 1:] * [-heading[1], heading[0]]
-        )
+        places = _in_world(truncated, robot)
         radii = np.array([part.radius_m for part in truncated])
         found: dict[int, Detection | None] = {}
         for index, record in enumerate(self._records):
@@ -227,6 +230,26 @@ class ObstacleTracker:
                 truncated[int(np.argmin(np.where(own, gap, np.inf)))] if own.any() else None
             )
         return found
+
+    def _parts(
+        self, detections: Sequence[Detection], taken: set[int], robot: Gaussian
+    ) -> list[int]:
+        """Indices of detections without a track that are a part of one: a small one inside its disc, as one leg."""
+        left = [k for k in range(len(detections)) if k not in taken]
+        if not left:
+            return []
+        places = _in_world([detections[k] for k in left], robot)
+        found = set()
+        for record in self._records:
+            radius = record.track.radius_m
+            if record.hits >= self.config.hits_to_show and _largest_sigma(record) < radius:
+                inside = np.hypot(*(places - record.track.state.mean[:2]).T) < radius
+                found |= {
+                    k
+                    for k, within in zip(left, inside, strict=True)
+                    if within and detections[k].radius_m < PART_OF * radius
+                }
+        return sorted(found)
 
     def _miss(self, seen: set[int], visible: Visible | None) -> None:
         """Count a miss for every unseen track in a visible place."""
@@ -243,25 +266,32 @@ class ObstacleTracker:
         oldest = self.config.oldest_s if shown else OLDEST_NEW_S
         if record.misses >= limit or stamp_s - record.seen_s > oldest:
             return False
-        (a, b), (_, d) = record.track.state.covariance[:2, :2].tolist()
-        largest = (a + d) / 2.0 + math.hypot((a - d) / 2.0, b)
-        return largest < self.config.largest_sigma_m**2
+        return _largest_sigma(record) < self.config.largest_sigma_m
 
     def _merge(self) -> None:
-        """Keep the older of two tracks of one obstacle."""
+        """Keep the older of two tracks of one obstacle; one that has lost its own may be anywhere."""
         kept: list[Record] = []
-        places: list[tuple[float, float]] = []
         for record in self._records:
             x, y = record.track.state.mean[:2].tolist()
-            near = any(
-                math.hypot(x - other[0], y - other[1])
-                < SAME_SHARE * min(record.track.radius_m, older.track.radius_m)
-                for other, older in zip(places, kept, strict=True)
-            )
-            if not near:
+            for older in kept:
+                a, b = older.track.state.mean[:2].tolist()
+                same = SAME_SHARE * min(record.track.radius_m, older.track.radius_m)
+                if math.hypot(x - a, y - b) < same and _largest_sigma(older) < same:
+                    break
+            else:
                 kept.append(record)
-                places.append((x, y))
         self._records = kept
+
+
+def _in_world(detections: Sequence[Detection], robot: Gaussian) -> Float[np.ndarray, "n 2"]:
+    """Positions of detections, world frame, m."""
+    return Pose2(*robot.mean.tolist()).apply(np.array([seen.position for seen in detections]))
+
+
+def _largest_sigma(record: Record) -> float:
+    """Standard deviation of the position along its worst axis, m."""
+    (a, b), (_, d) = record.track.state.covariance[:2, :2].tolist()
+    return math.sqrt((a + d) / 2.0 + math.hypot((a - d) / 2.0, b))
 
 
 def _from_part(part: Detection, track: MotionModel) -> Detection:

@@ -26,14 +26,14 @@ class Tracker:
 
     def __init__(
         self,
-        speed_sigma_mps: float = 0.06,
+        speed_sigma_mps: float = 0.075,
         motion_model: str | type = "switching",
         **settings: Any,
     ) -> None:
         """Begin without tracks.
 
         Args:
-            speed_sigma_mps: Standard deviation of an obstacle's speed along each axis, m/s: about 0.06 for
+            speed_sigma_mps: Standard deviation of an obstacle's speed along each axis, m/s: about 0.075 for
                 small robots, 0.7 for people.
             motion_model: "switching" (stands, straight, curving, turned), "package.module:Class", or a
                 class of your own (see `surefoot.MotionModel`).

@@ -638,6 +638,36 @@ def test_a_lost_mover_is_not_associated_with_furniture_of_another_size():
     assert numbers[mover.track] == pytest.approx(RADIUS_M, abs=0.01)
 
 
+def test_furniture_keeps_its_track_when_a_lost_mover_may_be_there():
+    """The mover is out of sight; its expected place passes the middle of the furniture."""
+    tracker = ObstacleTracker()
+    for k in range(20):
+        tracker.update(0.3 * k, [seen_at(0.4 + 0.03 * k, 0.5)], SURE)
+    (mover,) = tracker.obstacles
+    thing = mover.after(2.0).position
+    for k in range(20, 34):
+        tracker.update(0.3 * k, [seen_at(*thing)] if k < 24 else [], SURE)
+        tracks = [one.track for one in tracker.obstacles]
+        assert mover.track in tracks
+    tracker.update(10.2, [seen_at(*thing)], SURE)
+    furniture = [one for one in tracker.obstacles if one.track != mover.track]
+    assert len(furniture) == 1
+    assert furniture[0].seen_s == 10.2
+
+
+def test_one_leg_of_a_tracked_person_starts_no_track():
+    tracker = ObstacleTracker()
+    for k in range(10):
+        tracker.update(0.3 * k, [seen_at(1.0, 0.0, radius_m=0.18)], SURE)
+    for k in range(10, 20):
+        tracker.update(0.3 * k, [seen_at(1.0, 0.11, radius_m=0.06)], SURE)
+        assert len(tracker.obstacles) == 1
+    beside = seen_at(1.0, 0.3, radius_m=0.06)
+    for k in range(20, 25):
+        tracker.update(0.3 * k, [seen_at(1.0, 0.0, radius_m=0.18), beside], SURE)
+    assert len(tracker.obstacles) == 2
+
+
 def test_two_cameras_of_one_instant_update_one_after_the_other():
     tracker = ObstacleTracker()
     robot = Gaussian(np.zeros(3), np.eye(3) * 1e-6)
