@@ -141,7 +141,6 @@ def _run_row(run: RunFolder, settings: Mapping[str, Any]) -> dict[str, Any]:
         "interrupted": run.interrupted,
         "fell_at_s": summary.get("fell_at_s"),
         "notes": json.dumps(summary.get("notes") or []),
-        "command": summary.get("command"),
     }  # fmt: skip
 
 

@@ -78,7 +78,6 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("interrupted", "BOOLEAN", "stopped before its end"),
         *_numbers("when the robot fell, s", "fell_at_s"),
         Column("notes", "VARCHAR[]", "remarks for the user"),
-        Column("command", "VARCHAR", "command that repeats the run"),
     ),
     "frames": (
         STAMP,

@@ -26,7 +26,9 @@ from surefoot.run import checkpoint, process
 
 WALK = Path(__file__).parents[3] / "data" / "walk"
 FRAMES = 3  # of the short recording
-DIFFERENT = ("timing.csv", "summary.json", "config.toml", ".surefoot-run", "estimates.mcap")
+DIFFERENT = (
+    "timing.csv", "summary.json", "config.toml", ".surefoot-run", "estimates.mcap", "frames.parquet",
+)  # fmt: skip
 """Files that name times or the folder itself."""
 
 
