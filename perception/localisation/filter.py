@@ -100,7 +100,7 @@ class PoseFilter:
         self._walks = False  # whether it made a step since the last frame
         self._sightings_factor = NoiseFactor(SIGHTINGS_LEAST_NIS)
         self._blind_s: float | None = None  # time without odometry; None while there is some
-        self._turns, self._surprise = TurnCheck(), Surprise(2, TESTED)
+        self._turns, self._surprise = TurnCheck(self.config.drift_sigma_rad), Surprise(2, TESTED)
         self._lost = False
         self.process_noise: Float[np.ndarray, "10 10"] = np.zeros((WALKER_SIZE, WALKER_SIZE))
         """Covariance that the last prediction added to the state."""
