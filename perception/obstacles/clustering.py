@@ -180,7 +180,7 @@ def cluster(
             continue
         mine = order[first:last]
         whole = truncated is None or _ends(truncated, mine, labels) < TRUNCATED_POINTS
-        above = uppermost is not None and np.count_nonzero(uppermost[mine]) >= TRUNCATED_POINTS
+        above = uppermost is not None and int(uppermost[mine].sum()) >= TRUNCATED_POINTS
         mine = mine[:: max(len(mine) // ENOUGH, 1)]
         members = points[mine]
         height = float(np.quantile(members[:, 2], 0.99))
