@@ -22,7 +22,7 @@ from ..filtering.consistency import Innovation
 from ..primitives import plugins
 from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
-from ..primitives.obstacle import Obstacle
+from ..primitives.obstacle import MOVING, Obstacle
 from ..primitives.pose import Pose2
 from ..primitives.settings import setting
 from .motion_model import MEMBERS, MODELS, MotionModel
@@ -234,7 +234,7 @@ class ObstacleTracker:
     def _parts(
         self, detections: Sequence[Detection], taken: set[int], robot: Gaussian
     ) -> list[int]:
-        """Indices of detections without a track that are a part of one: a small one inside its disc, as one leg."""
+        """Indices of detections without a track that are a part of a mover: small ones inside its disc, as one leg."""
         left = [k for k in range(len(detections)) if k not in taken]
         if not left:
             return []
@@ -242,7 +242,7 @@ class ObstacleTracker:
         found = set()
         for record in self._records:
             radius = record.track.radius_m
-            if record.hits >= self.config.hits_to_show and _largest_sigma(record) < radius:
+            if record.moving >= MOVING and _largest_sigma(record) < radius:
                 inside = np.hypot(*(places - record.track.state.mean[:2]).T) < radius
                 found |= {
                     k

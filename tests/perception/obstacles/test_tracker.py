@@ -656,15 +656,15 @@ def test_furniture_keeps_its_track_when_a_lost_mover_may_be_there():
 
 
 def test_one_leg_of_a_tracked_person_starts_no_track():
-    tracker = ObstacleTracker()
-    for k in range(10):
-        tracker.update(0.3 * k, [seen_at(1.0, 0.0, radius_m=0.18)], SURE)
-    for k in range(10, 20):
-        tracker.update(0.3 * k, [seen_at(1.0, 0.11, radius_m=0.06)], SURE)
-        assert len(tracker.obstacles) == 1
-    beside = seen_at(1.0, 0.3, radius_m=0.06)
+    tracker, x = ObstacleTracker(), 0.5 + 0.03 * np.arange(30)
+    for k in range(20):
+        tracker.update(0.3 * k, [seen_at(x[k], 0.0, radius_m=0.18)], SURE)
     for k in range(20, 25):
-        tracker.update(0.3 * k, [seen_at(1.0, 0.0, radius_m=0.18), beside], SURE)
+        tracker.update(0.3 * k, [seen_at(x[k], 0.11, radius_m=0.06)], SURE)
+        assert len(tracker.obstacles) == 1
+    for k in range(25, 30):
+        beside = seen_at(x[k], 0.35, radius_m=0.06)
+        tracker.update(0.3 * k, [seen_at(x[k], 0.0, radius_m=0.18), beside], SURE)
     assert len(tracker.obstacles) == 2
 
 
