@@ -14,6 +14,7 @@ import pkgutil
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 
@@ -76,6 +77,13 @@ if "sim" not in BLOCKED and importlib.util.find_spec("pybullet") is None:
             pytest.skip(str(error))
 
     bullet.require = _require_or_skip
+
+
+if "sim" not in BLOCKED:
+    from sim.rendering import pictures
+
+    # Painting a scene takes seconds, and many tests of a file walk in the same one.
+    pictures.paint_scene = lru_cache(maxsize=2)(pictures.paint_scene)
 
 
 @pytest.fixture
