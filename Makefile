@@ -1,5 +1,5 @@
 # Everything sets itself up: `make demo` or `make test` on a fresh machine is enough.
-.PHONY: help setup demo test test-layers test-lowest test-pythons installed fuzz fuzz-guided kills mutants lint bench docs clean
+.PHONY: help setup demo test test-layers test-shapes test-lowest test-pythons installed fuzz fuzz-guided kills mutants lint bench docs clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
@@ -54,9 +54,11 @@ demo: $(WARM)  ## a live walk, its recording processed, both judged
 test: $(WARM)  ## the test suite
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q
 
-test-layers: $(WARM)  ## perception, mapping and planning without sim and surefoot; array shapes checked in every call, in whole walks too
-	BLOCKED_PACKAGES="sim surefoot" CHECK_SHAPES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -q tests/perception tests/mapping tests/planning
-	CHECK_SHAPES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -q tests/sim/sensors tests/surefoot/run/test_estimates.py tests/surefoot/run/test_process.py tests/surefoot/run/test_goals.py
+test-layers: $(WARM)  ## perception, mapping and planning without sim and surefoot
+	BLOCKED_PACKAGES="sim surefoot" $(BIN)/python -m pytest -n 2 --dist loadfile -q tests/perception tests/mapping tests/planning
+
+test-shapes: $(WARM)  ## the test suite with the array shapes of every call checked
+	CHECK_SHAPES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -q
 
 test-lowest:  ## the test suite with the oldest versions that pyproject.toml allows
 	tests/versions.sh lowest $(PYTHON)

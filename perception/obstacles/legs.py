@@ -35,17 +35,12 @@ def joined(clusters: Sequence[Cluster]) -> list[Cluster]:
     apart = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
     np.fill_diagonal(apart, np.inf)
     nearest = np.argmin(apart, axis=1)
-    pairs = {
-        id(posts[k]): _person(posts[k], posts[other])
-        for k, other in enumerate(nearest.tolist())
-        if k < other and nearest[other] == k and apart[k, other] <= APART_M
-    }
-    gone = {
-        id(posts[other])
-        for k, other in enumerate(nearest.tolist())
-        if id(posts[k]) in pairs and k < other
-    }
-    return [pairs.get(id(one), one) for one in clusters if id(one) not in gone]
+    found = {id(one): one for one in clusters}
+    for k, other in enumerate(nearest.tolist()):
+        if k < other and nearest[other] == k and apart[k, other] <= APART_M:
+            found[id(posts[k])] = _person(posts[k], posts[other])
+            del found[id(posts[other])]
+    return list(found.values())
 
 
 def _person(one: Cluster, other: Cluster) -> Cluster:

@@ -90,7 +90,7 @@ def simulate(
         record: Write the sensor data to recording.mcap.
         say: Receives lines of progress.
         page: Shows the walk while it goes on, and may make it wait between two frames.
-        report: Write report.html and replay.html, which takes seconds.
+        report: Write report.html, replay.html and the tables, which takes seconds.
 
     Raises:
         InputError: Unknown scene or planner.

@@ -20,8 +20,6 @@ from perception.primitives.safe_input import UnreadableError
 from ..evaluation.evaluate import has_own_axes
 from ..evaluation.metrics.trajectory import associate
 from ..results.run_folder import (
-    BATCH,
-    BATCH_TABLE,
     COVARIANCE_HEADER,
     ERRORS,
     SIMULATION,
@@ -42,20 +40,16 @@ def write_run_tables(run: RunFolder) -> Path | None:
     """Write the Parquet tables of a complete or interrupted run into its folder.
 
     Args:
-        run: A run of any kind. Of a batch, the tables of all its runs are written.
+        run: A run of any kind.
 
     Returns:
-        The folder of the tables; None for a batch, and for a run that was killed and has no summary.json.
+        The folder of the tables; None for a run that was killed and has no summary.json.
 
     Raises:
         RecordingError: A file of the run is damaged.
         OutputError: The folder cannot be written.
     """
-    if run.kind == BATCH:
-        table = run.read_csv(BATCH_TABLE)
-        for path in [] if table is None else filter(None, table.words("run")):
-            write_run_tables(RunFolder(run.root / Path(path).name))
-    if run.kind == BATCH or not run.has("summary.json"):
+    if not run.has("summary.json"):
         return None
     tables = run_tables(run)
     database = parquet.connect(threads=1)

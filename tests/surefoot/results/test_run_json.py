@@ -17,10 +17,18 @@ SHAPE = {
 }  # fmt: skip
 
 
-def test_what_has_the_shape_is_accepted():
-    check({"a": 1}, SHAPE)
-    check({"a": -2.5, "b": [], "c": None, "d": {}, "e": True, "f": {"x": [1]}, "more": 1}, SHAPE)
-    check({"a": 0.0, "b": [[1, 2], [3, 4]], "c": "x", "d": {"k": False}, "e": 3.0}, SHAPE)
+@pytest.mark.parametrize(
+    "value",
+    [
+        {"a": 1},
+        {"a": -2.5, "b": [], "c": None, "d": {}, "e": True, "f": {"x": [1]}, "more": 1},
+        {"a": 0.0, "b": [[1, 2], [3, 4]], "c": "x", "d": {"k": False}, "e": 3.0},
+    ],
+)
+def test_what_has_the_shape_is_accepted_until_a_value_is_missing(value):
+    check(value, SHAPE)
+    with pytest.raises(UnreadableError, match="at a not a value"):
+        check({name: one for name, one in value.items() if name != "a"}, SHAPE)
 
 
 @pytest.mark.parametrize(
