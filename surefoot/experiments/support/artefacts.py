@@ -69,7 +69,7 @@ class Order:
     body: str | None
     command: str
     resume: bool = False
-    smaller: Mapping[str, float] = field(default_factory=dict)
+    smaller: Mapping[str, float | int] = field(default_factory=dict)
 
     def run(self, say: Say) -> tuple[Experiment, Outcome]:
         """The experiment as ordered."""

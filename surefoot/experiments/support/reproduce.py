@@ -36,7 +36,7 @@ QUICK: dict[str, int] = {
     "004-E2": 10, "batch": 10,
 }  # fmt: skip
 """Seeds of `--quick` by experiment; one for those that are not listed."""
-SMALLER: dict[str, dict[str, float]] = {
+SMALLER: dict[str, dict[str, float | int]] = {
     "000-E3": {"limit_s": 45.0},
     "001-E3": {"image_seeds": 0},
     "003-E6": {"limit_s": 60.0},
