@@ -1,9 +1,10 @@
 """Planner of seed 004: walk to the goal, stop before an obstacle, scan a panorama, choose a motion, walk it.
 
 The robot walks straight to the goal until an obstacle blocks the path at about 1 m. Then it stands, turns its head
-through the views of a panorama, chooses side, motion and pivot, and walks the legs of that motion.
+through the views of a panorama, chooses side, motion and pivot, and walks the legs of that motion. Where a passage is
+blocked, it goes back and scans again.
 
-Source: seed 004; the goal, and the retreat from a closed passage, are ours.
+Source: seed 004; the goal, and the retreat from a blocked passage, are ours.
 """
 
 from __future__ import annotations
@@ -114,6 +115,7 @@ class AvoidancePlanner(GoalSeeker):
         self._faces = np.zeros((0, 2, 2))
         self._waited = 0
         self._closers: list[np.ndarray] = []
+        self._retreats = False
         self._picture: np.ndarray | None = None
         self.looks: list[Look] = []
         self.choices: list[Choice] = []
@@ -287,6 +289,7 @@ class AvoidancePlanner(GoalSeeker):
             self._middle = None
         if not self._legs:
             self._phase = "walk"
+            self._urged, self._retreats = self._retreats, False  # what blocked it is known now
             return None
         leg = self._in_the_middle(self._legs[0], world)
         desired = primitives.step(leg, robot, gait, self._trim, self._last)
@@ -341,7 +344,7 @@ class AvoidancePlanner(GoalSeeker):
             return False
         LOG.info("%.1f s: the passage is blocked", stamp_s)
         self._closers.append(cells[hit])
-        self._legs = primitives.retreat(leg, robot, RETREAT_M)
+        self._legs, self._retreats = primitives.retreat(leg, robot, RETREAT_M), True
         return True
 
 

@@ -111,7 +111,8 @@ def test_the_search_planner_has_the_recovery_unless_it_is_switched_off(change, e
 def test_a_slot_narrower_than_the_searched_disc_is_passed_sideways(tmp_path, assert_same_offline):
     """From wall to wall two cartons, 26 cm apart: the search keeps 16 cm to each side of its middle.
 
-    Not every walk finds its way through: where it stands when it looks about decides. Seed 1 does not within 135 s.
+    Not every walk finds its way through: where it stands when it looks about decides. Seed 0 is beyond after 94 s, or, on
+    processors whose rounding leads it into a blocked passage first, after 134 s; seed 1 is not within 150 s.
     """
     scene = tmp_path / "slot.toml"
     scene.write_text(SLOT)
@@ -119,7 +120,7 @@ def test_a_slot_narrower_than_the_searched_disc_is_passed_sideways(tmp_path, ass
         CONFIG,
         scene=str(scene),
         seed=0,
-        mission=MissionConfig(time_limit_s=110.0),
+        mission=MissionConfig(time_limit_s=150.0),
         robot=replace(CONFIG.robot, stereo=False, tof_source="rays"),
     )
     simulate.simulate(config, tmp_path / "run", True, lambda text: None)
