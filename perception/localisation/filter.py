@@ -25,7 +25,7 @@ from jaxtyping import Float
 
 from ..filtering import models
 from ..filtering.consistency import Innovation, chi_square_quantile
-from ..filtering.models import PAN, WALKER_SIZE, YAW, X, Y
+from ..filtering.models import DRIFT, GYRO_BIAS, PAN, WALKER_SIZE, YAW, X, Y
 from ..monitoring.agreement import Surprise
 from ..monitoring.status import LOST, SLOW, STAND, Doubt
 from ..primitives.errors import ConfigError
@@ -172,12 +172,25 @@ class PoseFilter:
         turn_rad, sigma_rad = None, config.gyro_sigma_radps * dt
         if imu is not None and dt > 0.0 and _finite(imu.angular_velocity, 0.0):
             turn_rad = float(imu.angular_velocity[2]) * dt
-            self._turns.compare(self._ukf.state, turn_rad, sigma_rad, motion, steps, dt, noise)
+            before = self._turns.compare(
+                self._ukf.state, turn_rad, sigma_rad, motion, steps, dt, noise
+            )
+            if before is not None:
+                self._restore(before)
         self._blind_s = blind_s + dt if odometry is None else None
         self._ukf.predict(motion, steps, noise)
         self.process_noise = noise
         if turn_rad is not None:
             self._ukf.update_turn(turn_rad, sigma_rad, dt)
+
+    def _restore(self, before: Gaussian) -> None:
+        """Drift and bias as before a fault, independent of all else."""
+        state, entries = self._ukf.state, [DRIFT, GYRO_BIAS]
+        mean, P = state.mean, state.covariance
+        mean[entries] = before.mean
+        P[entries, :] = P[:, entries] = 0.0
+        P[np.ix_(entries, entries)] = before.covariance
+        self._ukf.reset(Gaussian(mean, P))
 
     def update(self, sightings: Sequence[Sighting]) -> UpdateReport:
         """Update with the landmarks of one frame, all at once.

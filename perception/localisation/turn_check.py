@@ -3,7 +3,8 @@
 The gyro is far more precise than a step, so the noise of steps is learnt from it; over whole steps, since the parts of a
 step slip together. When the two differ by more than noise, either the gyro has another bias or the feet slide, of which
 nobody can tell at first. Then bias and drift of the heading are both as uncertain as the two differ, and what is seen
-decides. Until bias and drift are usual again, the slip of the steps is uncertain too.
+decides. Until bias and drift are usual again, the slip of the steps is uncertain too. A fault may end as suddenly as it
+came: when the turns agree again with bias and drift as they were before it, these hold again.
 
 Source: ours.
 """
@@ -11,12 +12,13 @@ Source: ours.
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 from jaxtyping import Float
 
 from ..filtering.consistency import chi_square_quantile
-from ..filtering.models import DRIFT, GYRO_BIAS, LATERAL_SLIP, SLIP, TURN, YAW
+from ..filtering.models import DRIFT, GYRO_BIAS, LATERAL_SLIP, SLIP, TURN, YAW, X, Y
 from ..monitoring.agreement import DISAGREE, Bias
 from ..primitives.gaussian import Gaussian
 from ..primitives.pose import Pose2
@@ -30,7 +32,9 @@ SLIDES = 0.5  # ours: share of a step by which feet may slide that turn otherwis
 UNUSUAL = 4.0  # ours: deviations of drift and bias from which on one of them is still doubted
 MOST_BIAS, MOST_DRIFT, MOST_SLIP = 1.0, 1.0, 0.2
 """Ours: rad/s, rad per step and m per step; nobody walks beyond."""
+LIKELY = chi_square_quantile(DISAGREE, 1)
 TURNED = np.ix_((YAW, TURN), (YAW, TURN))
+PLACE = [X, Y]
 
 
 class TurnCheck:
@@ -47,8 +51,11 @@ class TurnCheck:
         """Of the noise of steps."""
         self.agree = True
         """Whether gyro and steps agree about the latest turn, and about those before together."""
-        self._bias = Bias(1, TURNS)
-        self._likely = chi_square_quantile(DISAGREE, 1)
+        self._bias, self._as_before = Bias(1, TURNS), Bias(1, TURNS)
+        self._walked: deque[float] = deque(maxlen=TURNS)  # m, of the latest turns
+        self._before = Gaussian(
+            np.zeros(2), np.diag(self._usual)
+        )  # drift and bias while all was well
         self._step = np.zeros(3)  # of the present step: difference, its variance, share of the step
 
     def compare(
@@ -60,7 +67,7 @@ class TurnCheck:
         steps: float,
         dt: float,
         noise: Float[np.ndarray, "10 10"],
-    ) -> None:
+    ) -> Gaussian | None:
         """Compare the turn by the gyro with that by the steps.
 
         Args:
@@ -71,18 +78,28 @@ class TurnCheck:
             steps: Footsteps made.
             dt: Time passed, s, positive.
             noise: Covariance that the motion adds to the state; receives what the two differ by.
+
+        Returns:
+            Drift and bias as they were before a fault that has ended; None otherwise.
         """
         along, entries = np.array([steps, dt]), [DRIFT, GYRO_BIAS]
-        off = turn_rad - motion.yaw - float(along @ state.mean[entries])
-        variance = float(along @ state.covariance[np.ix_(entries, entries)] @ along)
-        variance += float(noise[TURN, TURN]) + sigma_rad**2
-        together = self._bias.update(np.array([off]), np.array([[variance]]))
-        fit = together and off**2 <= self._likely * variance
-        spread = np.square(state.mean[entries]) + np.diag(state.covariance)[entries]
-        self.agree = fit and bool(np.all(spread <= UNUSUAL**2 * self._usual))
+        differs, new = turn_rad - motion.yaw, float(noise[TURN, TURN]) + sigma_rad**2
+        present = Gaussian(state.mean[entries], state.covariance[np.ix_(entries, entries)])
+        off, variance, fit = _compared(self._bias, present, along, differs, new)
+        spread = np.square(present.mean) + np.diag(present.covariance)
+        agreed, self.agree = self.agree, fit and bool(np.all(spread <= UNUSUAL**2 * self._usual))
+        self._walked.append(math.hypot(motion.x, motion.y))
         if self.agree:
+            self._before = present
             self._learn(off, variance, steps)
-            return
+            return None
+        if agreed:
+            self._as_before = Bias(1, TURNS, agrees=False)
+            noise[TURNED] += float(self._bias.total[0]) ** 2
+            noise[PLACE, PLACE] += (SLIDES * sum(self._walked)) ** 2
+        if steps > 0.0 and self._ended(along, differs, new):
+            self._bias = Bias(1, TURNS)
+            return self._before
         if not fit:
             noise[TURNED] += min(abs(off), math.pi) ** 2
             noise[GYRO_BIAS, GYRO_BIAS] += min(abs(off) / dt, MOST_BIAS) ** 2
@@ -93,6 +110,12 @@ class TurnCheck:
             slips = [SLIP, LATERAL_SLIP]
             lacks = slide_m**2 - np.diag(state.covariance)[slips]
             noise[slips, slips] += np.maximum(lacks, 0.0)
+        return None
+
+    def _ended(self, along: Float[np.ndarray, "2"], differs: float, new: float) -> bool:
+        """Whether the turns of a whole window are those of drift and bias as before the fault."""
+        _, _, fit = _compared(self._as_before, self._before, along, differs, new)
+        return fit and self._as_before.full
 
     def _learn(self, off: float, variance: float, steps: float) -> None:
         """Learn the noise of steps at the end of each."""
@@ -101,3 +124,13 @@ class TurnCheck:
             if self._step[2] >= WHOLE_STEP:
                 self.factor.learn(float(self._step[0] ** 2 / self._step[1]))
                 self._step[:] = 0.0
+
+
+def _compared(
+    window: Bias, state: Gaussian, along: Float[np.ndarray, "2"], differs: float, new: float
+) -> tuple[float, float, bool]:
+    """Innovation of a turn with drift and bias of that state, its variance, and whether it fits, alone and in a window."""
+    off = differs - float(along @ state.mean)
+    variance = float(along @ state.covariance @ along) + new
+    together = window.update(np.array([off]), np.array([[variance]]))
+    return off, variance, together and off**2 <= LIKELY * variance

@@ -19,16 +19,17 @@ DISAGREE, AGREE = 0.9999, 0.9  # ours: probability at which a doubt begins, and 
 class Bias:
     """Tests whether the innovations of a window have a common bias."""
 
-    def __init__(self, degrees: int, window: int) -> None:
+    def __init__(self, degrees: int, window: int, agrees: bool = True) -> None:
         """Begin without innovations.
 
         Args:
             degrees: Entries of an innovation.
             window: Number of innovations that are summed.
+            agrees: Whether all is well at first.
         """
         self._recent: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=window)
         self._limits = [chi_square_quantile(one, degrees) for one in (DISAGREE, AGREE)]
-        self.agrees = True
+        self.agrees = agrees
 
     def update(
         self, innovation: Float[np.ndarray, "d"], covariance: Float[np.ndarray, "d d"]
@@ -41,6 +42,11 @@ class Bias:
         begin, end = self._limits
         self.agrees = squared <= (begin if self.agrees else end)
         return self.agrees
+
+    @property
+    def full(self) -> bool:
+        """Whether the window has all its innovations."""
+        return len(self._recent) == self._recent.maxlen
 
     @property
     def total(self) -> Float[np.ndarray, "d"]:
