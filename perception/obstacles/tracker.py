@@ -35,7 +35,6 @@ Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
 MISSES_OF_NEW = (
     2  # ours: frames without detection, though visible, that end a track not yet reported
 )
-OLDEST_NEW_S = 3.0  # ours: time without detection that ends a track not yet reported
 RADIUS_SIGMA_M = 0.012  # ours: of the radius between two complete views of an obstacle
 UNLIKE_SHARE = 0.001  # ours: share of the likelihood left to a detection of another size
 SAME_SHARE = (
@@ -263,8 +262,7 @@ class ObstacleTracker:
     def _survives(self, record: Record, stamp_s: float) -> bool:
         shown = record.hits >= self.config.hits_to_show
         limit = self.config.misses_to_die if shown else MISSES_OF_NEW
-        oldest = self.config.oldest_s if shown else OLDEST_NEW_S
-        if record.misses >= limit or stamp_s - record.seen_s > oldest:
+        if record.misses >= limit or stamp_s - record.seen_s > self.config.oldest_s:
             return False
         return _largest_sigma(record) < self.config.largest_sigma_m
 

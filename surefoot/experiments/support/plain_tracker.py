@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.obstacles.track import Detection
-from perception.obstacles.tracker import MISSES_OF_NEW, OLDEST_NEW_S, TrackerConfig, Visible, match
+from perception.obstacles.tracker import MISSES_OF_NEW, TrackerConfig, Visible, match
 from perception.primitives.gaussian import Gaussian
 
 ACCELERATION = 1e-3  # density of the acceleration, m^2/s^3; best of five on the development laws
@@ -111,8 +111,7 @@ class PlainTracker:
         if one.misses >= (config.misses_to_die if shown else MISSES_OF_NEW):
             return False
         largest = float(np.linalg.eigvalsh(one.covariance[:2, :2])[-1])
-        oldest = config.oldest_s if shown else OLDEST_NEW_S
-        return stamp_s - one.seen_s <= oldest and largest < config.largest_sigma_m**2
+        return stamp_s - one.seen_s <= config.oldest_s and largest < config.largest_sigma_m**2
 
 
 def _in_world(seen: Detection, robot: Gaussian) -> tuple[np.ndarray, np.ndarray]:
