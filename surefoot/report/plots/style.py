@@ -124,6 +124,7 @@ def svg(figure: Figure) -> bytes:
     from matplotlib.transforms import Bbox
 
     figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # what was found stays; saving would find it twice more
     drawn = figure.get_tightbbox()
     page = Bbox([[0.0, drawn.y0 - MARGIN_IN], [figure.get_figwidth(), drawn.y1 + MARGIN_IN]])
     data = io.BytesIO()
