@@ -12,11 +12,13 @@ Source: ours.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from planning.planners.mission import MissionConfig
 from sim.movers.law import MIXED, MoversConfig
 from sim.scenes import catalogue
 from sim.truth import FIRST_STATIC_ID
@@ -34,20 +36,22 @@ from .prediction import JUDGING
 
 LAWS = (*JUDGING, MIXED)
 SCENES = ("home", "hall", "office")
+LIMIT_S = MissionConfig().time_limit_s
 
 
-def config_of(law: str, seed: int) -> Config:
-    """Configuration of the walk of a law and a seed."""
+def config_of(law: str, seed: int, limit_s: float = LIMIT_S) -> Config:
+    """Configuration of the walk of a law and a seed, at most `limit_s` long."""
     number = LAWS.index(law) + seed
     scene, body = SCENES[number % len(SCENES)], BODIES[number % len(BODIES)]
-    return on_body(Config(scene=scene, seed=seed, movers=MoversConfig(law)), body)
+    config = on_body(Config(scene=scene, seed=seed, movers=MoversConfig(law)), body)
+    return replace(config, mission=replace(config.mission, time_limit_s=limit_s))
 
 
-def run(seeds: int, say: Say, laws: int = len(LAWS)) -> Outcome:
-    """Seeds 0 to n - 1 of every law, or of the first few."""
+def run(seeds: int, say: Say, laws: int = len(LAWS), limit_s: float = LIMIT_S) -> Outcome:
+    """Seeds 0 to n - 1 of every law, or of the first few, each walk at most `limit_s` long."""
     chosen = LAWS[:laws]
     todo = [(law, seed) for seed in range(seeds) for law in chosen]
-    found = walk_all([config_of(*one) for one in todo], say, walked)
+    found = walk_all([config_of(*one, limit_s) for one in todo], say, walked)
     all_of = partial(column, found)
     figures = {"walks": float(len(todo)), "contacts": float(np.sum(all_of("contacts")))}
     figures |= walk_figures(found)

@@ -23,7 +23,7 @@ from planning.commands import WalkCommand
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_all
 
-STEPS = 300
+COMMANDS = 300
 PUSH_N, PUSH_S, PUSH_EVERY = 10.0, 0.1, 100
 SLOPE_RAD = 0.04
 SAMPLE_TICKS = 5  # the head pose is sampled at 40 Hz
@@ -72,8 +72,8 @@ class WalkResult:
     realtime_factor: float
 
 
-def walk(trial: Trial, seed: int) -> WalkResult:
-    """Simulate one walk with random commands."""
+def walk(trial: Trial, seed: int, commands: int = COMMANDS) -> WalkResult:
+    """Simulate one walk with so many random commands."""
     from sim.body.dynamic.config import DynamicConfig
     from sim.body.dynamic.walker import DynamicBody
     from sim.body.gait import GaitConfig
@@ -97,7 +97,7 @@ def walk(trial: Trial, seed: int) -> WalkResult:
         head = Head(HeadConfig(), head_rng)
         body = DynamicBody(world, gait, config, ImuConfig(), head, body_rng)
         began = time.process_time()
-        errors, head_sway, steps = _commands(body, gait, trial, rng)
+        errors, head_sway, steps = _commands(body, gait, trial, rng, commands)
         seconds = time.process_time() - began
         walked = body.ticks * gait.tick_s
         fallen = body.fallen
@@ -105,8 +105,8 @@ def walk(trial: Trial, seed: int) -> WalkResult:
     return WalkResult(trial.name, seed, steps, fallen, errors, head_sway, walked / seconds)
 
 
-def run(seeds: int, say: Say, body: str = "dynamic") -> Outcome:
-    """Every kind of ground, seeds 0 to n - 1.
+def run(seeds: int, say: Say, body: str = "dynamic", commands: int = COMMANDS) -> Outcome:
+    """Every kind of ground, seeds 0 to n - 1, with so many commands a walk.
 
     Raises:
         InputError: The body is not "dynamic".
@@ -116,7 +116,7 @@ def run(seeds: int, say: Say, body: str = "dynamic") -> Outcome:
             f"experiment walking: body={body} makes exact footsteps and cannot fall; "
             "use --body dynamic, or omit the option"
         )
-    todo = [(trial, seed) for trial in TRIALS for seed in range(seeds)]
+    todo = [(trial, seed, commands) for trial in TRIALS for seed in range(seeds)]
     found = run_all(walk, todo, say, "walks")
     standard = [one for one in found if one.trial == TRIALS[0].name]
     errors = np.concatenate([one.errors for one in standard])
@@ -136,7 +136,7 @@ def run(seeds: int, say: Say, body: str = "dynamic") -> Outcome:
     for name, unit, column in CHANNELS:
         figures[f"{name}_std"] = unit * float(head[:, column].std())
         figures[f"{name}_p99"] = unit * float(np.percentile(np.abs(head[:, column]), 99))
-    return Outcome(figures, _table(found, standard))
+    return Outcome(figures, _table(found, standard, commands))
 
 
 CHANNELS = (
@@ -170,12 +170,12 @@ def spectrum(
     return middle, np.sqrt([power[one].sum() for one in band])
 
 
-def _commands(body, gait, trial: Trial, rng: np.random.Generator):  # type: ignore[no-untyped-def]
+def _commands(body, gait, trial: Trial, rng: np.random.Generator, commands: int):  # type: ignore[no-untyped-def]
     """Walk until all commands are executed or the robot falls."""
     errors, head_sway = [], []
     before = planned = None
     steps = 0
-    for number in range(STEPS):
+    for number in range(commands):
         body.walk(_random_command(gait, rng))
         body.start_due_step()
         push_at = -1
@@ -224,8 +224,8 @@ def _head(body) -> list[float]:  # type: ignore[no-untyped-def]
     ]
 
 
-def _table(found: list[WalkResult], standard: list[WalkResult]) -> list[str]:
-    lines = [f"{len(found)} walks of {STEPS} random commands"]
+def _table(found: list[WalkResult], standard: list[WalkResult], commands: int) -> list[str]:
+    lines = [f"{len(found)} walks of {commands} random commands"]
     fallen = [one for one in found if one.fallen]
     lines += [f"  {one.trial}: seed {one.seed} fell in step {one.steps + 1}" for one in fallen]
     lines.append(

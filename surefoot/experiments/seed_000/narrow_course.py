@@ -33,9 +33,9 @@ COLUMNS: tuple[Row, ...] = (
 )
 
 
-def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Seeds 0 to n - 1; a run that does not arrive counts with all its steps."""
-    of = partial(config_of, "narrow_course", limit_s=LIMIT_S, body=body)
+def run(seeds: int, say: Say, body: str = "kinematic", limit_s: float = LIMIT_S) -> Outcome:
+    """Seeds 0 to n - 1, each walk at most `limit_s` long; one that does not arrive counts with all its steps."""
+    of = partial(config_of, "narrow_course", limit_s=limit_s, body=body)
     kinds = {
         "published": [of(seed, version="published") for seed in range(seeds)],
         "ours, 4 cm": [of(seed, cruise_mps=PRINTED_MPS) for seed in range(seeds)],

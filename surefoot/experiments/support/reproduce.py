@@ -33,13 +33,15 @@ from .trials import code_hash
 INDEX = "index.html"
 QUICK: dict[str, int] = {
     "000-E2": 20, "000-E5": 2, "001-E1": 3, "001-E2": 3, "003-E3": 2, "003-E4": 50, "003-E5": 50,
-    "004-E2": 10, "batch": 10,
+    "004-E2": 10, "batch": 6,
 }  # fmt: skip
 """Seeds of `--quick` by experiment; one for those that are not listed."""
 SMALLER: dict[str, dict[str, float | int]] = {
-    "000-E3": {"limit_s": 45.0},
+    "000-E3": {"limit_s": 10.0},
+    "000-E4": {"limit_s": 12.0},
     "001-E3": {"image_seeds": 0},
     "003-E6": {"limit_s": 60.0},
+    "003-E7": {"limit_s": 12.0},
     "004-E3": {"motions": 3},
     "004-E4": {"motions": 2},
     "004-E5": {"scenes": 4, "ablated": False},
@@ -52,7 +54,8 @@ SMALLER: dict[str, dict[str, float | int]] = {
     "real-odometry": {"sets": 1},
     "real-panorama": {"parts": 2},
     "referee": {"sets": 1},
-    "strangers": {"laws": 1},
+    "strangers": {"laws": 1, "limit_s": 25.0},
+    "walking": {"commands": 50},
 }
 """Arguments that make an experiment smaller in a quick round, where one seed of it takes minutes."""
 ABOUT = {
