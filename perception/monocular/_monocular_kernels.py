@@ -32,9 +32,7 @@ class Normal(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def mark_range(
-    red: np.ndarray,
-    green: np.ndarray,
-    blue: np.ndarray,
+    rgb: np.ndarray,
     limits: Limits,
     low: Normal,
     high: Normal,
@@ -42,14 +40,17 @@ def mark_range(
 ) -> None:
     """Set out to 255 where a pixel lies in the range; `low` and `high` bound the hue by two half planes.
 
-    Neither division nor branch, so that the loop vectorises.
+    The colours of a row are parted first; then neither division nor branch, so that the loop vectorises.
     """
     height, width = out.shape
+    rs, gs, bs = np.empty(width, np.uint8), np.empty(width, np.uint8), np.empty(width, np.uint8)
     v0, v1, s0, s1, least = limits
     a0, a1, a2 = low
     b0, b1, b2 = high
     for y in range(height):
-        rs, gs, bs, line = red[y], green[y], blue[y], out[y]
+        colours, line = rgb[y], out[y]
+        for x in range(width):
+            rs[x], gs[x], bs[x] = colours[x, 0], colours[x, 1], colours[x, 2]
         for x in range(width):
             r, g, b = np.int32(rs[x]), np.int32(gs[x]), np.int32(bs[x])
             value = max(r, max(g, b))

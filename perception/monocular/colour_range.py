@@ -197,8 +197,7 @@ def mark(
     else:
         low = _hue_plane(colours.hue_deg - colours.hue_half_deg, 1.0)
         high = _hue_plane(colours.hue_deg + colours.hue_half_deg, -1.0)
-    red, green, blue = cv2.split(rgb)
-    kernels.mark_range(red, green, blue, limits, low, high, mask)
+    kernels.mark_range(rgb, limits, low, high, mask)
 
 
 def _warmth_plane(warmth: float, side: float) -> kernels.Normal:

@@ -135,11 +135,25 @@ def _tracked(
     """Tracks of the corners that are found again."""
     if not len(begin):
         return np.zeros((0, 2)), np.zeros((0, 2))
-    start = begin.astype(np.float32)
-    end, found = _lucas_kanade(first, second, start, _moved(begin, previous, current))
+    guess = _moved(begin, previous, current)
+    rows = _rows_around(np.concatenate([begin[:, 1], guess[:, 1]]), len(first))
+    off = np.array([0.0, rows.start], np.float32)
+    first, second, start = first[rows], second[rows], begin.astype(np.float32) - off
+    end, found = _lucas_kanade(first, second, start, guess - off)
     back, returned = _lucas_kanade(second, first, end, start)
     good = found & returned & (np.hypot(*(back - start).T) <= MAX_RETURN_PX)
-    return begin[good], end[good].astype(np.float64)
+    return begin[good], (end[good] + off).astype(np.float64)
+
+
+def _rows_around(v: np.ndarray, height: int) -> slice:
+    """Rows of a picture in which corners at these are tracked as in all of it, but for those that leave them.
+
+    They begin at a pixel of the highest level of the pyramid.
+    """
+    whole = 2 ** (LEVELS - 1)
+    margin = WINDOW_PX * whole
+    first, last = np.clip([v.min() - margin, v.max() + margin], 0.0, height - 1.0)
+    return slice(int(first) // whole * whole, int(last) + 1)
 
 
 def _moved(pixels: np.ndarray, previous: Picture, current: Picture) -> np.ndarray:
