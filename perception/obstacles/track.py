@@ -130,15 +130,20 @@ class Track:
         p = config.moving_prior
         weights = np.array([1.0 - p, 0.3 * p, 0.3 * p, 0.3 * p, 0.1 * p])
         self._belief = Belief(weights, x, np.array([positive(one) for one in P]))
-        self._unseen_s, self._proven = 0.0, False
+        self._unseen_s = 0.0
         self._habits = Habits(config.speed_sigma_mps)
-        self._first_x, self._first_y = x[0, :2].tolist()
-        self._first_radius_m = seen.radius_m
-        self._travelled = self._watched_s = 0.0
+        self._begin_anew(x[0], seen.radius_m)
         self._gone = self._going()
         self._state: Gaussian | None = None
         self._motion: Motion | None = None
         self._expected: tuple[np.ndarray, np.ndarray] | None = None
+
+    def _begin_anew(self, x: Float[np.ndarray, "7"], radius_m: float) -> None:
+        """Measure travel from a place, without proof of motion."""
+        self._first_x, self._first_y = x[:2].tolist()
+        self._first_radius_m = radius_m
+        self._travelled = self._watched_s = 0.0
+        self._proven = False
 
     @property
     def moving(self) -> float:
@@ -148,7 +153,7 @@ class Track:
         as much as the visible part grows or shrinks: less that, the distance is how far both its leading and its
         trailing edge have moved. An obstacle that has not travelled farther than that may be
         static, however steadily its centre shifts. A slow mover needs time to travel that far; until then
-        the probability is at most the prior. It exceeds `UNSURE` only after a likelihood ratio that noise hardly reaches.
+        the probability is at most the prior. A mover that was lost has to prove its motion again. It exceeds `UNSURE` only after a likelihood ratio that noise hardly reaches.
         """
         may = 1.0 - float(self._belief.w[STILL])
         far = TRAVEL_SHARE * self.radius_m
@@ -218,6 +223,8 @@ class Track:
 
     def update(self, seen: Detection) -> Innovation:
         """Update every mode with a detection, and weigh the modes; returns the innovation of their mixture."""
+        if self._lost():
+            self._doubt_motion()
         means, covariances = self._expectations()
         w, x, P = self._belief
         mean, covariance = np.empty(2), np.empty((2, 2))
@@ -242,6 +249,28 @@ class Track:
         self._travelled = max(self._travelled, distance - resized)
         self.height_m = max(seen.height_m, self.height_m)
         return Innovation(None, np.array(innovation))
+
+    def _lost(self) -> bool:
+        """Whether a known mover may be outside its own disc: what is detected then may be another obstacle."""
+        (a, b), (_, d) = self.state.covariance[:2, :2].tolist()
+        sigma = math.sqrt((a + d) / 2.0 + math.hypot((a - d) / 2.0, b))
+        return self._proven and sigma > self.radius_m
+
+    def _doubt_motion(self) -> None:
+        """Give the mode `still` its prior probability again, anywhere in the mixture, and ask for a new proof."""
+        w, x, P = self._belief
+        mean, covariance = np.empty(SIZE), np.empty((SIZE, SIZE))
+        _track_kernels.merge(w, x, P, mean, covariance)
+        mean[VELOCITY] = 0.0
+        covariance[VELOCITY] = 0.0
+        covariance[:, VELOCITY] = 0.0
+        covariance[VELOCITY, VELOCITY] = np.eye(2) * REST
+        x[STILL], P[STILL] = mean, covariance
+        w[STILL] = 0.0
+        w *= self.config.moving_prior / w.sum()
+        w[STILL] = 1.0 - self.config.moving_prior
+        self._begin_anew(mean, self.radius_m)
+        self._state = self._motion = self._expected = None
 
     def _learn(
         self,

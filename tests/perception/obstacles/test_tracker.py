@@ -682,3 +682,27 @@ def test_two_cameras_of_one_instant_update_one_after_the_other():
     assert len({one.identity for one in tracker.innovations}) == 2
     tracker.update(2.0, [], robot)
     assert tracker.innovations == []
+
+
+@pytest.mark.parametrize(("stands", "speed_mps"), [(True, 0.0), (False, 0.08)])
+def test_a_mover_that_was_lost_proves_its_motion_anew(stands, speed_mps):
+    """What is seen after fifteen seconds may be a thing that stands, or the mover itself."""
+    rng, dt = np.random.default_rng(4), 0.3
+    track, x = Track(seen_at(2.0, 0.0), SURE, TrackConfig()), np.array([2.0, 0.0])
+    for _ in range(40):
+        x[1] += 0.08 * dt
+        track.predict(dt, SURE)
+        track.update(seen_at(*(x + rng.normal(0.0, NOISE_M, 2))))
+    assert track.moving > 0.9
+    for _ in range(50):
+        track.predict(dt, SURE)
+    x = track.state.mean[:2].copy()
+    moving = []
+    for _ in range(25):
+        track.predict(dt, SURE)
+        track.update(seen_at(*(x + rng.normal(0.0, NOISE_M, 2))))
+        moving.append(track.moving)
+        x[1] += speed_mps * dt
+    assert moving[0] <= 0.5
+    assert (max(moving) <= 0.5) == stands
+    assert (moving[-1] > 0.9) != stands
