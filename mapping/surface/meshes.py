@@ -8,7 +8,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, Int, UInt8
 
+from perception.primitives.errors import InputError
+from perception.primitives.safe_input import UnreadableError
+
+from ..io import ply
 from ..io.atomic_write import atomic_path
+from ..io.clouds import MOST_M
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,3 +74,31 @@ def save_mesh(path: Path, mesh: Mesh) -> None:
         file.write(("\n".join([*header, "end_header"]) + "\n").encode("ascii"))
         file.write(vertices.tobytes())
         file.write(triangles.tobytes())
+
+
+def load_mesh(path: Path) -> Mesh:
+    """A mesh that `save_mesh` wrote.
+
+    Raises:
+        InputError: The file is missing or damaged, or holds something else.
+    """
+    try:
+        points, triangles = ply.read_mesh(path)
+        names = points.dtype.names or ()
+        if not set(_NORMAL) <= set(names):
+            raise UnreadableError("has no normals")
+        xyz, normals = (
+            np.stack([points[name] for name in axes], axis=-1).astype(np.float32)
+            for axes in (("x", "y", "z"), _NORMAL)
+        )
+        if not (np.abs(xyz) <= MOST_M).all():
+            raise UnreadableError(f"has points that are not within {MOST_M:g} m of its origin")
+    except UnreadableError as error:
+        raise InputError(f"mesh {path} {error}; a PLY of a map was expected") from error
+    coloured = all(name in names and points[name].dtype == np.uint8 for name in _RGB)
+    colours = np.stack([points[name] for name in _RGB], axis=-1) if coloured else None
+    return Mesh(xyz, triangles, normals, colours)
+
+
+_NORMAL = ("nx", "ny", "nz")
+_RGB = ("red", "green", "blue")

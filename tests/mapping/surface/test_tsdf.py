@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mapping.surface.meshes import Mesh, save_mesh
+from mapping.surface.meshes import Mesh, load_mesh, save_mesh
 from mapping.surface.surface_map import surface_map
 from mapping.surface.traversability import (
     TraversabilityConfig,
@@ -207,3 +207,36 @@ def test_a_ramp_has_its_slope_and_surface_above_the_headroom_is_ignored() -> Non
     inner = layers.slope[4:-4, 4:-4]
     assert np.nanmedian(inner) == pytest.approx(np.arctan(0.2), abs=0.02)
     assert np.nanmax(layers.height) < 0.7
+
+
+def test_a_mesh_is_read_as_it_was_written_and_a_damaged_one_is_refused(tmp_path):
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
+    triangles, path = np.array([[0, 1, 2], [0, 2, 3]], np.int32), tmp_path / "mesh.ply"
+    up, tones = (
+        np.broadcast_to(np.float32([0, 0, 1]), points.shape),
+        np.arange(12, dtype=np.uint8).reshape(4, 3),
+    )
+    for colours in (tones, None):
+        save_mesh(path, Mesh(points, triangles, up, colours))
+        read = load_mesh(path)
+        np.testing.assert_array_equal(read.vertices, points)
+        np.testing.assert_array_equal(read.triangles, triangles)
+        np.testing.assert_array_equal(read.normals, up)
+        assert (read.colours is None) == (colours is None)
+    content = path.read_bytes()
+    beyond = content[:-4] + (9).to_bytes(4, "little")
+    quads = content[:-26] + b"\x04" + content[-25:]
+    nan = content.replace(points[1].tobytes(), np.full(3, np.nan, np.float32).tobytes(), 1)
+    cases = {
+        "cut off": content[:-1],
+        "no triangle": beyond,
+        "a face that is no": quads,
+        "not within": nan,
+        "no normals": content.replace(b"float nx", b"float a1", 1),
+        "other than triangles": content.replace(b"uchar int vertex", b"float int vertex", 1),
+        "is no PLY": b"OFF",
+    }
+    for words, damaged in cases.items():
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match=words):
+            load_mesh(path)

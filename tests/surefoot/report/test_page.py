@@ -435,6 +435,34 @@ def test_the_top_view_of_a_surface_has_the_axes_of_the_map():
         np.testing.assert_allclose(view @ view.T, np.eye(3), atol=1e-12)
 
 
+def test_the_picture_of_a_mesh_shows_the_topmost_front_side():
+    """A floor of 2 m x 1 m, a red board over its right half that faces up, and a blue one that faces down."""
+    from surefoot.report.plots.surface import AMBIENT, BACKGROUND, cast
+
+    def board(left: float, right: float, z: float) -> list[list[float]]:
+        return [[left, 0.0, z], [right, 0.0, z], [right, 1.0, z], [left, 1.0, z]]
+
+    points = np.array(board(0.0, 2.0, 0.0) + board(1.0, 2.0, 0.5) + board(0.0, 1.0, 1.0))
+    up = np.array([[0, 1, 2], [0, 2, 3]])
+    triangles = np.concatenate([up, up + 4, up[:, ::-1] + 8])
+    tones = np.array([[0, 200, 0], [200, 0, 0], [0, 0, 200]], np.uint8).repeat(4, axis=0)
+    picture, extent = cast(points, triangles, tones)
+    height, width, _ = picture.shape
+    assert picture[height // 2, width // 4].tolist() == [0, 200, 0]  # through the back of the blue
+    assert picture[height // 2, 3 * width // 4].tolist() == [200, 0, 0]
+    assert extent == pytest.approx((0.0, 2.0, 0.0, 1.0), abs=0.01)
+    slope = (
+        points
+        @ np.array([[0.5, 0.0, np.sqrt(0.75)], [0.0, 1.0, 0.0], [-np.sqrt(0.75), 0.0, 0.5]]).T
+    )
+    tilted, _ = cast(slope[:4], up, tones[:4])
+    assert tilted[height // 2, tilted.shape[1] // 2, 1] == pytest.approx(
+        200 * (AMBIENT + (1 - AMBIENT) * 0.5), abs=1
+    )
+    nothing, _ = cast(points, up[:, ::-1], tones)
+    assert (nothing == BACKGROUND).all()
+
+
 def test_the_report_of_a_map_shows_surface_and_layers(run, tmp_path):
     mapped = RunFolder.create(tmp_path / "map")
     for name in ("map.yaml", "map.pgm", "trajectory.txt", "truth/trajectory.txt"):
