@@ -30,7 +30,7 @@ from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_all
 from . import localisation_trial as trials
 from .localisation_trial import Fault, TrackerTrial, Trial
-from .localisation_walk import WalkInstant, walk
+from .localisation_walk import LENGTH_M, WalkInstant, walk
 
 FAULTY_EVERY = 5  # one seed in five
 LOST_S, DARK_S, JUMP_M, LATE_S, OUTLIERS = 40.0, 10.0, 0.5, 0.05, 0.3
@@ -41,7 +41,7 @@ FAULTS = ("outliers", "blackout", "jump", "clock")
 Figures = dict[str, float]
 
 
-def one_walk(seed: int, body: str = "kinematic") -> Figures:
+def one_walk(seed: int, body: str = "kinematic", length_m: float = LENGTH_M) -> Figures:
     """All figures of one seed; those of faults only every `FAULTY_EVERY` seeds."""
     config = on_body(Config(), body)
     scene = catalogue.load("home", seed)
@@ -60,7 +60,7 @@ def one_walk(seed: int, body: str = "kinematic") -> Figures:
         for name, fault in faults(rng).items():
             runs[name] = trials.make_trial(start, marks, config, rng, fault=fault)
     tracking, fell = TrackerTrial(config), False
-    for instant in walk(seed, config):
+    for instant in walk(seed, config, length_m=length_m):
         fell = instant.fell
         if not fell:
             step(instant, runs, tracking)
@@ -135,7 +135,13 @@ def summary(runs: dict[str, Trial], tracking: TrackerTrial) -> Figures:
     return found
 
 
-def run(seeds: int, say: Say, body: str = "kinematic", other_noise: bool = True) -> Outcome:
+def run(
+    seeds: int,
+    say: Say,
+    body: str = "kinematic",
+    other_noise: bool = True,
+    length_m: float = LENGTH_M,
+) -> Outcome:
     """Seeds 0 to n - 1.
 
     Args:
@@ -143,8 +149,9 @@ def run(seeds: int, say: Say, body: str = "kinematic", other_noise: bool = True)
         say: Takes lines of progress.
         body: Body that walks.
         other_noise: Also walks with more and with less noise than the localiser expects.
+        length_m: Of the walks with the usual noise, m.
     """
-    found = run_all(one_walk, [(seed, body) for seed in range(seeds)], say, "walks")
+    found = run_all(one_walk, [(seed, body, length_m) for seed in range(seeds)], say, "walks")
     fallen = [seed for seed, one in enumerate(found) if one["falls"]]
     lines = [f"seed {seed} fell" for seed in fallen]
     noisy: Figures = {}

@@ -78,7 +78,9 @@ class WalkInstant:
     fell: bool = False
 
 
-def walk(seed: int, config: Config, noise: float = 1.0) -> Iterator[WalkInstant]:
+def walk(
+    seed: int, config: Config, noise: float = 1.0, length_m: float = LENGTH_M
+) -> Iterator[WalkInstant]:
     """Survey the room, then follow a free path through it for ten metres, or until the robot falls.
 
     Args:
@@ -115,7 +117,7 @@ def walk(seed: int, config: Config, noise: float = 1.0) -> Iterator[WalkInstant]
             yield WalkInstant(blind, sightings, views, detections, pose, moving)
             walked += math.hypot(pose.x - before.x, pose.y - before.y)
             before = pose
-            if walked >= LENGTH_M:
+            if walked >= length_m:
                 return
             if frame.footstep_due:
                 step, gaze = guide.next(pose, moving)
