@@ -49,18 +49,22 @@ LIMIT_S = 180.0  # ours: the longest path takes 95 s without any obstacle
 WalkResult = tuple[dict[str, Any], np.ndarray]
 
 
-def config_of(planner: str, number: int, body: str = "kinematic") -> Config:
+def config_of(
+    planner: str, number: int, body: str = "kinematic", limit_s: float = LIMIT_S
+) -> Config:
     """Configuration of a walk with a planner, in the scene with this number."""
     scene, seed = SCENES[number % len(SCENES)], number // len(SCENES)
     config = Config(scene=scene, seed=seed)
     robot = replace(
         config.robot, stereo=False, tof=planner != "swarm", image_pairs=planner == "swarm"
     )
-    mission = MissionConfig(planner=planner, goals=1, time_limit_s=LIMIT_S)
+    mission = MissionConfig(planner=planner, goals=1, time_limit_s=limit_s)
     return on_body(replace(config, robot=robot, mission=mission), body)
 
 
-def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome:
+def run(
+    seeds: int, say: Say, body: str = "kinematic", own: str = "", limit_s: float = LIMIT_S
+) -> Outcome:
     """Scenes 0 to n - 1 with every planner; four consecutive scenes are one of each kind.
 
     Args:
@@ -68,13 +72,14 @@ def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome
         say: Takes lines of progress.
         body: Body that walks.
         own: The user's own planner, "package.module:Class", beside ours; empty: none.
+        limit_s: Longest walk.
     """
     planners = [name for name in ORDER if name in PLANNERS]
     ours = len(planners)
     if own:
         plugins.load(own, PLANNERS, "planner", MEMBERS)  # refused before anything walks
         planners.append(own)
-    todo = [config_of(planner, number, body) for number in range(seeds) for planner in planners]
+    todo = [config_of(name, k, body, limit_s) for k in range(seeds) for name in planners]
     found: list[WalkResult] = []
     for walked in run_trials(_walk, [(config,) for config in todo]):
         found.append(walked)

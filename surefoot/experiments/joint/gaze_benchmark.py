@@ -30,7 +30,7 @@ from planning.gaze.policy import POLICIES
 from ...report.plots import style
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_trials
-from .gaze_coupling import GazeWalk, walk_with_gaze
+from .gaze_coupling import LIMIT_S, GazeWalk, walk_with_gaze
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -112,13 +112,14 @@ def draw(found: dict[tuple[str, str, str], tuple[float, float, float]], names: l
     return figure
 
 
-def run(seeds: int, say: Say, own: str = "") -> Outcome:
+def run(seeds: int, say: Say, own: str = "", limit_s: float = LIMIT_S) -> Outcome:
     """Two walks per policy and seed; about three seconds of one core each.
 
     Args:
         seeds: Number of courses, and of homes.
         say: Takes lines of progress.
         own: The user's own gaze policy, "package.module:Class", beside ours; empty: none.
+        limit_s: Longest walk.
     """
     modes = dict(MODES)
     if own:
@@ -130,7 +131,7 @@ def run(seeds: int, say: Say, own: str = "") -> Outcome:
         for scene in SCENES
         for name in modes
     ]
-    todo = [(seed, modes[name], "kinematic", scene) for scene, name, seed in keys]
+    todo = [(seed, modes[name], "kinematic", scene, limit_s) for scene, name, seed in keys]
     walks: dict[tuple[str, str], list[GazeWalk]] = {}
     for number, one in enumerate(run_trials(walk_with_gaze, todo)):
         walks.setdefault(keys[number][:2], []).append(one)

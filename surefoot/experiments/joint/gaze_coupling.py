@@ -78,7 +78,11 @@ class GazeWalk:
 
 
 def walk_with_gaze(
-    seed: int, mode: str, body: str = "kinematic", scene_name: str = SCENE
+    seed: int,
+    mode: str,
+    body: str = "kinematic",
+    scene_name: str = SCENE,
+    limit_s: float = LIMIT_S,
 ) -> GazeWalk:
     """Simulate one walk with one gaze policy, or of seed 001's own walker (`WALKER`)."""
     base = on_body(course_config(scene_name, seed), body)
@@ -88,7 +92,7 @@ def walk_with_gaze(
         config = replace(base, gaze=replace(base.gaze, mode=mode))
     scene = catalogue.load(scene_name, seed)
     goals = scene.goals[:LEGS]
-    config = replace(config, mission=replace(config.mission, goals=LEGS, time_limit_s=LIMIT_S))
+    config = replace(config, mission=replace(config.mission, goals=LEGS, time_limit_s=limit_s))
     found: list[tuple[float, ...]] = []
     heads: list[tuple[float, float]] = []
     contacts, touched = 0, set[int]()

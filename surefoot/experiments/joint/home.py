@@ -11,6 +11,8 @@ from functools import partial
 
 import numpy as np
 
+from planning.planners.mission import MissionConfig
+
 from ...config.presets import on_body
 from ...config.schema import Config
 from ...evaluation.metrics.consistency import band
@@ -18,9 +20,14 @@ from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.walks import column, walk_all, walk_figures
 
 
-def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Seeds 0 to n - 1."""
-    configs = [on_body(Config(scene="home", seed=seed), body) for seed in range(seeds)]
+def run(
+    seeds: int, say: Say, body: str = "kinematic", limit_s: float = MissionConfig.time_limit_s
+) -> Outcome:
+    """Seeds 0 to n - 1, each walk at most `limit_s` long."""
+    mission = MissionConfig(time_limit_s=limit_s)
+    configs = [
+        on_body(Config(scene="home", seed=seed, mission=mission), body) for seed in range(seeds)
+    ]
     found = walk_all(configs, say)
     all_of = partial(column, found)
     low, high = band(3, seeds)

@@ -10,6 +10,8 @@ from functools import partial
 
 import numpy as np
 
+from planning.planners.mission import MissionConfig
+
 from ...config.presets import on_body
 from ...config.schema import Config
 from ...evaluation.metrics.contact_classes import CLASSES
@@ -17,14 +19,21 @@ from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.walks import column, falls_and_contacts, walk_all, walk_figures
 
 
-def config_of(seed: int, body: str = "dynamic") -> Config:
+def config_of(
+    seed: int, body: str = "dynamic", limit_s: float = MissionConfig.time_limit_s
+) -> Config:
     """Configuration of a walk in the home of a seed with a body."""
-    return on_body(Config(scene="home", seed=seed), body)
+    mission = MissionConfig(time_limit_s=limit_s)
+    return on_body(Config(scene="home", seed=seed, mission=mission), body)
 
 
-def run(seeds: int, say: Say, body: str = "dynamic") -> Outcome:
-    """Seeds 0 to n - 1."""
-    found = walk_all([config_of(seed, body) for seed in range(seeds)], say, falls_and_contacts)
+def run(
+    seeds: int, say: Say, body: str = "dynamic", limit_s: float = MissionConfig.time_limit_s
+) -> Outcome:
+    """Seeds 0 to n - 1, each walk at most `limit_s` long."""
+    found = walk_all(
+        [config_of(seed, body, limit_s) for seed in range(seeds)], say, falls_and_contacts
+    )
     all_of = partial(column, found)
     figures = walk_figures(found) | {
         "contacts": float(np.sum(all_of("contacts"))),

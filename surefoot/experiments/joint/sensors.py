@@ -76,14 +76,14 @@ class CameraPose:
     T_world_camera: Pose3
 
 
-def camera_poses(seeds: int) -> Iterator[CameraPose]:
-    """Camera poses in the homes of all seeds."""
+def camera_poses(seeds: int, each: int = VIEWS_PER_HOME) -> Iterator[CameraPose]:
+    """Camera poses in the homes of all seeds, a few in each."""
     for seed in range(seeds):
         scene = catalogue.load("home", seed)
         rng = np.random.default_rng([seed, 61])
         assert scene.start is not None
         places = [(scene.start.x, scene.start.y), *scene.goals]
-        for k in range(VIEWS_PER_HOME):
+        for k in range(each):
             x, y = places[k % len(places)]
             body = Pose2(x, y, float(rng.uniform(-math.pi, math.pi))).lifted()
             turned = head_rotation(float(rng.uniform(-1.0, 1.0)), float(rng.uniform(0.1, 0.7)))
@@ -306,10 +306,10 @@ def _draw(
     return figure
 
 
-def run(seeds: int, say: Say) -> Outcome:
-    """Six views in the home of each seed."""
+def run(seeds: int, say: Say, each: int = VIEWS_PER_HOME) -> Outcome:
+    """Some views in the home of each seed."""
     robot = RobotConfig()
-    views = list(camera_poses(seeds))
+    views = list(camera_poses(seeds, each))
     parts = (
         renderer_errors(views, robot.stereo_camera.camera, say),
         stereo_errors(views, robot, say),

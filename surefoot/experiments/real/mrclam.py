@@ -87,14 +87,35 @@ class Fitted:
         return dataclasses.replace(found, margin=high)
 
 
-def run(seeds: int, say: Say, untuned_logs: bool = True) -> Outcome:
+def run(seeds: int, say: Say, robot_logs: bool = True) -> Outcome:
     """Both robots, the tracks of other robots, the mower and the IMU; independent of the seeds.
 
     Args:
         seeds: Without effect.
         say: Takes lines of progress.
-        untuned_logs: Also perturbed and simulated logs, which take most of the time.
+        robot_logs: Also the two robots, and perturbed and simulated logs, which take most of the time.
     """
+    figures, table = _robots(say) if robot_logs else ({}, [])
+    say("mower among radio beacons")
+    mower = follow_ranges(read_plaza(real_data.folder("plaza1_range") / "Plaza1_.mat"))
+    figures["plaza1_rmse_m"] = mower.rmse_m
+    figures["plaza1_dead_reckoning_m"] = mower.dead_reckoning_m
+    figures["plaza1_scale"] = mower.scale
+    say("IMU at rest and in flight")
+    up = tilt(real_data.folder("euroc_v101_stereo"))
+    figures["euroc_tilt_deg"] = up.rest_deg
+    figures["euroc_flight_tilt_deg"] = up.flight_deg
+    table += [
+        f"mower  {mower.rmse_m:.2f} m, ranges {100 * (mower.scale - 1):.1f} % long, "
+        f"{100 * mower.rejected_share:.1f} % of them rejected",
+        f"IMU    gyro bias {np.round(up.gyro_bias, 4)} rad/s, "
+        f"accelerometer bias {np.round(up.force_bias, 3)} m/s^2",
+    ]
+    return Outcome(figures, table)
+
+
+def _robots(say: Say) -> tuple[dict[str, float], list[str]]:
+    """Figures and table lines of the two robots, and of logs that nobody tuned."""
     folder = real_data.folder("mrclam6")
     recordings = {robot: RobotRun.read(folder, robot) for robot in ROBOTS}
     fitted = {}
@@ -130,27 +151,11 @@ def run(seeds: int, say: Say, untuned_logs: bool = True) -> Outcome:
             f"{figures[f'r{robot}_dead_reckoning_m']:16.2f}  {int(np.sum(known.status != 1)):8d}"
         )
     figures["robot_track_rmse_m"] = rms(np.concatenate(track_errors))
-    say("mower among radio beacons")
-    mower = follow_ranges(read_plaza(real_data.folder("plaza1_range") / "Plaza1_.mat"))
-    figures["plaza1_rmse_m"] = mower.rmse_m
-    figures["plaza1_dead_reckoning_m"] = mower.dead_reckoning_m
-    figures["plaza1_scale"] = mower.scale
-    say("IMU at rest and in flight")
-    up = tilt(real_data.folder("euroc_v101_stereo"))
-    figures["euroc_tilt_deg"] = up.rest_deg
-    figures["euroc_flight_tilt_deg"] = up.flight_deg
-    table += [
-        f"mower  {mower.rmse_m:.2f} m, ranges {100 * (mower.scale - 1):.1f} % long, "
-        f"{100 * mower.rejected_share:.1f} % of them rejected",
-        f"IMU    gyro bias {np.round(up.gyro_bias, 4)} rad/s, "
-        f"accelerometer bias {np.round(up.force_bias, 3)} m/s^2",
-        *(f"fitted on robot {robot}: {parameters}" for robot, parameters in fitted.items()),
-    ]
-    if untuned_logs:
-        for found, lines in (untuned(folder, fitted[ROBOTS[0]].config, say), simulated(say)):
-            figures.update(found)
-            table += lines
-    return Outcome(figures, table)
+    table += [f"fitted on robot {robot}: {parameters}" for robot, parameters in fitted.items()]
+    for found, lines in (untuned(folder, fitted[ROBOTS[0]].config, say), simulated(say)):
+        figures.update(found)
+        table += lines
+    return figures, table
 
 
 def untuned(folder: Path, of_robots: PlanarConfig, say: Say) -> tuple[dict[str, float], list[str]]:

@@ -73,8 +73,16 @@ ENCOUNTERS = 10  # per course
 CHUNK = 50  # encounters per task
 
 
-def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Seeds 0 to n - 1, every variant on each."""
+def run(seeds: int, say: Say, body: str = "kinematic", courses: bool = True) -> Outcome:
+    """Seeds 0 to n - 1, every variant on each of the `courses`, and encounters with one obstacle."""
+    walked = _course_figures(seeds, say, body) if courses else ({}, [])
+    met = head_on.figures(range(seeds))
+    outcome = combined(walked, _encounter_figures(ENCOUNTERS * seeds, say), met)
+    return replace(outcome, columns=ROWS)
+
+
+def _course_figures(seeds: int, say: Say, body: str) -> tuple[dict[str, float], list[str]]:
+    """Figures of every variant on every course."""
     groups = {
         name: [Trial("course", seed, stepper=stepper, field=field) for seed in range(seeds)]
         for name, (stepper, field) in VARIANTS.items()
@@ -86,9 +94,7 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
         result |= {f"{figure}_{name.replace(' ', '_')}": values[figure] for figure in COMPARED}
     result["contacts_saved_by_guard"] = result["contacts_field_alone"] - result["contacts_guard"]
     result["falls"] = float(sum(one.fell for walks in found.values() for one in walks))
-    met = head_on.figures(range(seeds))
-    outcome = combined((result, table), _encounter_figures(ENCOUNTERS * seeds, say), met)
-    return replace(outcome, columns=ROWS)
+    return result, table
 
 
 def _encounter_figures(number: int, say: Say) -> tuple[dict[str, float], list[str]]:

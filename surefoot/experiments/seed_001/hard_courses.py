@@ -11,20 +11,22 @@ from .course_trials import BASELINES, Trial, figures, walk_groups
 SCENE = "hard_course"
 
 
-def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Seeds 0 to n - 1 with error-free perception and with sensors; baselines on a quarter of them."""
+def run(seeds: int, say: Say, body: str = "kinematic", baselines: bool = True) -> Outcome:
+    """Seeds 0 to n - 1 with error-free perception and with sensors; `baselines` on a quarter of them."""
     quarter = max(seeds // 4, 1)
     groups = {
         "error-free perception": [Trial(SCENE, seed, perfect=True) for seed in range(seeds)],
         "sensors": [Trial(SCENE, seed) for seed in range(seeds)],
     }
-    for name in BASELINES:
+    peers = BASELINES if baselines else ()
+    for name in peers:
         groups[name] = [Trial(SCENE, seed, perfect=True, stepper=name) for seed in range(quarter)]
     found, table = walk_groups(groups, say, body)
     result = figures(found["sensors"]) | figures(found["error-free perception"], "_truth")
-    ours = figures(found["error-free perception"][:quarter])["contacts"]
-    fewest = min(figures(found[name])["contacts"] for name in BASELINES)
-    result["contacts_over_best_peer_truth"] = ours - fewest
+    if baselines:
+        ours = figures(found["error-free perception"][:quarter])["contacts"]
+        fewest = min(figures(found[name])["contacts"] for name in peers)
+        result["contacts_over_best_peer_truth"] = ours - fewest
     return Outcome(result, table)
 
 

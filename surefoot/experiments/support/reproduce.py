@@ -32,7 +32,7 @@ from .trials import code_hash
 
 INDEX = "index.html"
 QUICK: dict[str, int] = {
-    "000-E2": 20, "000-E5": 2, "001-E1": 3, "001-E2": 2, "003-E3": 2, "003-E4": 50, "003-E5": 50,
+    "000-E2": 5, "000-E5": 2, "001-E1": 3, "001-E2": 2, "003-E3": 2, "003-E4": 50, "003-E5": 50,
     "004-E2": 10, "batch": 6,
 }  # fmt: skip
 """Seeds of `--quick` by experiment; one for those that are not listed."""
@@ -40,20 +40,27 @@ SMALLER: dict[str, dict[str, float | int]] = {
     "000-E3": {"limit_s": 6.0},
     "000-E4": {"limit_s": 8.0},
     "001-E3": {"image_seeds": 0, "printed_speed": False},
+    "001-E4": {"courses": False},
+    "001-hard": {"baselines": False},
     "003-E6": {"limit_s": 25.0},
     "003-E7": {"limit_s": 8.0},
     "004-E3": {"motions": 1},
     "004-E4": {"motions": 1},
     "004-E5": {"scenes": 4, "ablated": False},
+    "INT-1": {"limit_s": 15.0},
+    "INT-4": {"limit_s": 15.0},
     "faults": {"faults": 1},
+    "gaze-benchmark": {"limit_s": 12.0},
+    "home": {"limit_s": 30.0},
     "localisation": {"other_noise": False, "length_m": 4.0},
-    "mrclam": {"untuned_logs": False},
+    "mrclam": {"robot_logs": False},
     "prediction": {"seconds": 20.0},
     "real-honesty": {"floors_alone": True},
     "real-mapping": {"parts": 1},
     "real-odometry": {"sets": 1},
     "real-panorama": {"parts": 2},
     "referee": {"sets": 1},
+    "sensors": {"each": 2},
     "strangers": {"laws": 1, "limit_s": 25.0},
     "walking": {"commands": 50},
 }
