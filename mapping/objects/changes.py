@@ -181,8 +181,8 @@ def lost_objects(
     if not len(points) or not len(other.points):
         return []
     free, filled = evidence(points, looks)
-    odds = math.log(PRIOR / (1.0 - PRIOR))
-    odds = odds + PER_IMAGE * np.clip(free - filled, -MOST_IMAGES, MOST_IMAGES)
+    odds = PER_IMAGE * np.clip(free - filled, -MOST_IMAGES, MOST_IMAGES)
+    odds += math.log(PRIOR / (1.0 - PRIOR))
     away = cKDTree(other.points).query(points)[0]
     chosen = np.flatnonzero((odds > 0.0) & (away > CLEAR_M))
     emptied, held = evidence(points[chosen], own)

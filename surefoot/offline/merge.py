@@ -102,9 +102,9 @@ def merge(paths: Sequence[Path], out: Path | None, say: Say) -> MergeSummary:
         written.append((place, write_part(Part(joined, mapped, images), place, say)))
     members = [sorted(joined.sessions) for joined in parts]
     content = _content(mapped, pairs, members, [one for _, one in written])
-    for number, ((place, one), sessions) in enumerate(zip(written, members, strict=True), start=1):
-        place.write_json("sessions.json", {"part": number, **content})
-        _finish(place, folder, one, mapped, sessions)
+    for number, (place, part) in enumerate(written):
+        place.write_json("sessions.json", {"part": number + 1, **content})
+        _finish(place, folder, part, mapped, members[number])
     return MergeSummary(
         str(folder.root),
         tuple(one.name for one in mapped),

@@ -125,9 +125,12 @@ def write_part(part: Part, folder: RunFolder, say: Say) -> Written:
             if not rows or rows[-1][0] != stamp:
                 since = np.zeros((6, 6))
                 if image.stamp_s != images.stamps[nearest]:
-                    ends = [own.get(at, since) for at in (images.stamps[nearest], image.stamp_s)]
-                    poses = joined.poses[session][nearest], moved.T_map_camera
-                    since = relative_covariance(*ends, *poses)
+                    since = relative_covariance(
+                        own.get(images.stamps[nearest], since),
+                        own.get(image.stamp_s, since),
+                        joined.poses[session][nearest],
+                        moved.T_map_camera,
+                    )
                 rows.append((stamp, AttachedImage(moved.T_map_camera, number, since)))
             say(f"surface: session {session + 1}, frame {frames}")
     fusion.close()
