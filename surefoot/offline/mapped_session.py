@@ -38,7 +38,7 @@ from ..results.trajectory_uncertainty import SPACE
 from .job import Say
 from .placed_images import NO_FLOOR, CameraImages, PlacedImage, PlacedImages, WalkingBody
 
-MOST_VIEWS = 40  # ours: images that are variables, unless the graph of the map has more
+MOST_VIEWS = 80  # ours: images that are variables, unless the graph of the map has more
 UNKNOWN = np.eye(6)  # of the motion between two images that nothing connects
 BODY_SIGMA = 0.005  # ours: of a head on a walking body that its pose does not know, m and rad
 

@@ -20,10 +20,8 @@ from perception.odometry.session_graph import join
 from perception.odometry.session_links import PairLinks, link_sessions
 from perception.primitives.errors import InputError, OutputError
 
-from ..report.page import write_report
 from ..results.run_folder import RunFolder
 from ..results.version import commit, version
-from ..store.run_tables import write_run_tables
 from .job import Say
 from .mapped_session import MappedSession, read_images
 from .merged_part import Part, Written, write_part
@@ -181,6 +179,9 @@ def _finish(
     sessions: Sequence[int],
 ) -> None:
     """Write summary.json, the report and the tables of a part."""
+    from ..report.page import write_report
+    from ..store.run_tables import write_run_tables
+
     words = ["surefoot", "merge", *(str(one.folder.root) for one in mapped)]
     place.write_json(
         "summary.json",

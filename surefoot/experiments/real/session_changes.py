@@ -1,7 +1,7 @@
 """Furniture that was moved between two sessions in a simulated home, against what `surefoot merge` finds.
 
 A camera is carried through the home, some pieces are moved, and it is carried through the other way round. Both
-recordings are mapped without poses and merged. A moved piece leaves one place and fills another; the reported outlines
+recordings come with poses in axes of their own that drift, as a tracking camera reports them, and are mapped and merged. A moved piece leaves one place and fills another; the reported outlines
 of what is gone and what appeared are compared with these. An outline is right if the middle of a true place lies within
 it, or its own middle lies within `NEAR_M` of one.
 
@@ -23,7 +23,15 @@ from sim.scenes.home import home
 from ...offline.merge import merge
 from ...results.run_folder import RunFolder
 from ..support.experiment import Say
-from ..support.handheld import Rearranged, frames, path, rearranged, record
+from ..support.handheld import (
+    Rearranged,
+    drifted,
+    frames,
+    path,
+    rearranged,
+    record,
+    write_truth,
+)
 from .session_splits import Aligned, aligned, mapped
 
 FIRST_HOME = 0  # seeds; thresholds were chosen on homes from 100 on
@@ -67,7 +75,6 @@ class Score:
     right: int = 0
     wrong: int = 0
     joined: int = 0
-    normalised: tuple[float, ...] = ()
 
     def add(self, one: Found) -> None:
         """Count one home."""
@@ -135,14 +142,16 @@ def _nearest(reported: dict[str, Any], true: Float[np.ndarray, "n 2"]) -> int | 
 def home_changes(seed: int, place: Path, most: int, say: Say) -> Found:
     """Two sessions in the home of a seed, mapped and merged."""
     state = rearranged(home(seed), MOVED, np.random.default_rng([seed, 4]))
-    place.mkdir(parents=True)
     recordings = []
     for name, scene, backwards in (("first", state.before, False), ("second", state.after, True)):
         say(f"home {seed}: {name} session")
         poses = path(scene, backwards, most)
-        seen = frames(scene, poses, np.random.default_rng([seed, 5 + backwards]))
-        recordings.append(record(place / f"{name}.mcap", name, seen))
-    maps = mapped(recordings, say)
+        told = drifted(poses, np.random.default_rng([seed, 7 + backwards]))
+        seen = frames(scene, poses, np.random.default_rng([seed, 5 + backwards]), told)
+        (place / name / "truth").mkdir(parents=True)
+        write_truth(place / name / "truth" / "trajectory.txt", poses)
+        recordings.append(record(place / name / "recording.mcap", name, seen))
+    maps = mapped(recordings, say, ignore_poses=False)
     folder = place / "merged"
     say(f"home {seed}: merge")
     merge(maps, folder, lambda text: None)

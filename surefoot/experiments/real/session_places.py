@@ -21,7 +21,7 @@ from sim.scenes.home import home
 from ...recordings.open import open_recording
 from ..support import real_data
 from ..support.experiment import Say
-from ..support.handheld import frames, path
+from ..support.handheld import drifted, frames, path
 from .odometry import depth_and_colour, without_poses
 from .replica_room import ReplicaRoom
 
@@ -33,8 +33,8 @@ RECORDINGS = {
 OFFICE = "office"
 OFFICE_EVERY = 25  # of Replica's 2000 frames
 PLACES = 25  # of which every two are a pair: 300
-FIRST_HOME = 0  # seeds; thresholds were chosen on homes from 100 on, and on the pan of the kitchen
-IMAGES = 60  # of a home, from the middle of its path
+FIRST_HOME = 0  # seeds
+IMAGES = 40  # of a home
 MOST = 40  # images of a session that are described, as in `surefoot merge`
 
 
@@ -66,12 +66,14 @@ def places(count: int, first_home: int, say: Say) -> dict[str, Session]:
 
 
 def home_session(seed: int) -> Session:
-    """A session in a home."""
+    """A session in a home, with poses as a tracking camera reports them."""
     scene = home(seed)
-    poses = path(scene, False, 10**6)
-    begin = max(0, (len(poses) - 2 * IMAGES) // 2)
-    rng = np.random.default_rng([seed, 3])
-    return session_of(frames(scene, poses[begin : begin + 2 * IMAGES : 2], rng), seed)
+    poses = path(scene, False, IMAGES)
+    seen = frames(scene, poses, np.random.default_rng([seed, 3]))
+    told = drifted(poses, np.random.default_rng([seed, 4]))
+    images = [build(*depth_and_colour(frame)) for frame in seen]
+    views = zip(images, told, strict=True)
+    return Session([View(describe(k, image), pose) for k, (image, pose) in enumerate(views)])
 
 
 def every_two(found: dict[str, Session], say: Say) -> dict[tuple[str, str], PairLinks]:

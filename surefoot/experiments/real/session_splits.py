@@ -9,7 +9,6 @@ Source: ours; ATE: Sturm et al. 2012.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,6 +31,7 @@ from .replica_room import ReplicaRoom
 
 SESSIONS = 6
 REPLICA_EVERY = 8  # of its 2000 frames
+JUMP_S = 122.0 / 30.0  # between frames 120 and 124 of the kitchen its truth jumps
 FILES = (
     "trajectory.txt", "space_covariance.csv", "trajectory_covariance.csv", "graph.g2o", "mesh.ply", "cloud.ply", "map.pgm",
     "map.yaml", "layers.npz", "map_probability.png", "map_layers.tif", "sessions.json", "changes.json",
@@ -46,12 +46,14 @@ class Aligned:
     Args:
         found, true: Positions in the map and in the truth, m.
         session: Number of the session of each.
+        stamps: Of each, on the clock of its recording, s.
         alignment: The one rigid motion from the map to the truth.
     """
 
     found: Float[np.ndarray, "n 3"]
     true: Float[np.ndarray, "n 3"]
     session: Float[np.ndarray, "n"]
+    stamps: Float[np.ndarray, "n"]
     alignment: Alignment
 
     @property
@@ -66,7 +68,7 @@ def aligned(folder: Path) -> Aligned | None:
     content, found = run.read_json("sessions.json"), run.read_trajectory("trajectory.txt")
     assert content is not None
     assert found is not None
-    mine, true, session = [], [], []
+    mine, true, session, stamps = [], [], [], []
     for one in content["sessions"]:
         if one["part"] != 1:
             return None
@@ -75,17 +77,23 @@ def aligned(folder: Path) -> Aligned | None:
         ours, theirs = associate(found.stamps, truth.stamps + one["shift_s"], 1e-3)
         mine.append(found.positions[ours])
         true.append(truth.positions[theirs])
-        session += [one["session"]] * len(ours)
-    best = align(np.concatenate(mine), np.concatenate(true))
+        session += [float(one["session"])] * len(ours)
+        stamps.append(truth.stamps[theirs])
+    all_found, all_true = np.concatenate(mine), np.concatenate(true)
+    best = align(all_found, all_true)
     if best is None:
         return None
-    return Aligned(np.concatenate(mine), np.concatenate(true), np.array(session, float), best)
+    return Aligned(all_found, all_true, np.array(session), np.concatenate(stamps), best)
 
 
-def cross_session_ate_m(folder: Path) -> float:
-    """RMS error of all cameras after one alignment; infinite if a session was left out."""
-    found = aligned(folder)
-    return math.inf if found is None else rms(found.errors_m)
+def apart_ate_m(found: Aligned, stamp_s: float) -> float:
+    """RMS error where the images before and after a stamp are aligned each on their own."""
+    errors = []
+    for part in (found.stamps < stamp_s, found.stamps >= stamp_s):
+        best = align(found.found[part], found.true[part])
+        assert best is not None
+        errors.append(distances(best.apply(found.found[part]), found.true[part]))
+    return rms(np.concatenate(errors))
 
 
 def kitchen_sessions(parts: Sequence[str], count: int, place: Path, most: int | None) -> list[Path]:
@@ -132,12 +140,12 @@ def _some(seen: Iterator[Frame], count: int) -> Iterator[Frame]:
         yield frame
 
 
-def mapped(recordings: Sequence[Path], say: Say) -> list[Path]:
-    """Map folders of the recordings, each without the poses that came with it."""
+def mapped(recordings: Sequence[Path], say: Say, ignore_poses: bool = True) -> list[Path]:
+    """Map folders of the recordings, by default each without the poses that came with it."""
     found = []
     for recording in recordings:
         say(f"map of {recording.name}")
-        config = replace(Config(), ignore_poses=True)
+        config = replace(Config(), ignore_poses=ignore_poses)
         out = recording.with_name(f"{recording.stem}-map")
         found.append(
             Path(map_recording(Job.open("map", recording, None, config, out), _quiet).folder)

@@ -11,10 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from perception.primitives.camera import Camera
 from perception.primitives.frame import ColourView, DepthView, Frame
@@ -31,9 +33,10 @@ from .simulated_depth import structured_light_sigma, true_depth
 
 CAMERA = Camera(320, 240, 240.0, 240.0, 159.5, 119.5)
 EYES_M, DOWN_RAD = 1.35, math.radians(30.0)
-STEP_M, TURN_RAD = 0.16, math.radians(12.0)  # between two images
-SWING_RAD, SWING_STEPS = math.radians(50.0), 30.0
+STEP_M, TURN_RAD = 0.4, math.radians(45.0)  # between two images
+SWING_RAD, SWING_STEPS = math.radians(50.0), 9.0
 FARTHEST_M = 5.0
+DRIFT_M, DRIFT_RAD = 0.003, math.radians(0.1)  # of the reported poses, by each image
 HZ = 10.0
 SMALL = ("armchair", "coffee table", "plant", "pouf", "cartons", "chair", "bin")  # what people move
 MOVED_M = (0.7, 3.0)  # nearest and farthest new place of a piece
@@ -176,10 +179,27 @@ def _eyes(place: Place, heading: float) -> Pose3:
     return Pose3.from_rotation(head_rotation(heading, DOWN_RAD), np.array([*place, EYES_M]))
 
 
-def frames(scene: Scene, poses: Sequence[Pose3], rng: np.random.Generator) -> Iterator[Frame]:
-    """Images of the camera at these poses."""
+def drifted(poses: Sequence[Pose3], rng: np.random.Generator) -> list[Pose3]:
+    """The poses as a tracking camera reports them: in axes of its own, with an error that grows from image to image."""
+    turn = Rotation.from_rotvec([0.0, 0.0, float(rng.uniform(-math.pi, math.pi))]).as_matrix()
+    axes = Pose3.from_rotation(turn, np.array([*rng.uniform(-5.0, 5.0, 2), 0.0]))
+    found = [axes @ poses[0]]
+    for before, after in pairwise(poses):
+        shift, turned = rng.normal(0.0, DRIFT_M, 3), rng.normal(0.0, DRIFT_RAD, 3)
+        noise = Pose3.from_rotation(Rotation.from_rotvec(turned).as_matrix(), shift)
+        found.append(found[-1] @ before.inverse() @ after @ noise)
+    return found
+
+
+def frames(
+    scene: Scene,
+    poses: Sequence[Pose3],
+    rng: np.random.Generator,
+    told: Sequence[Pose3] | None = None,
+) -> Iterator[Frame]:
+    """Images of the camera at these poses, each with the pose that is told of it; None: the true one."""
     with World(scene) as world:
-        for number, pose in enumerate(poses):
+        for number, (pose, known) in enumerate(zip(poses, told or poses, strict=True)):
             z = true_depth(world, CAMERA, pose)
             with np.errstate(invalid="ignore"):
                 z = z + structured_light_sigma(z) * rng.standard_normal(z.shape)
@@ -189,8 +209,14 @@ def frames(scene: Scene, poses: Sequence[Pose3], rng: np.random.Generator) -> It
                 stamp_s=number / HZ,
                 depth=DepthView(z.astype(np.float32), CAMERA),
                 colour=ColourView(rgb, CAMERA),
-                T_world_camera=pose,
+                T_world_camera=known,
             )
+
+
+def write_truth(path: Path, poses: Sequence[Pose3]) -> None:
+    """Write the true poses of `frames` as TUM text."""
+    rows = [(number / HZ, *pose.translation, *pose.quat_xyzw) for number, pose in enumerate(poses)]
+    path.write_text("".join(" ".join(map(repr, row)) + "\n" for row in rows), encoding="utf-8")
 
 
 def record(path: Path, name: str, seen: Iterator[Frame]) -> Path:

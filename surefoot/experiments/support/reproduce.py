@@ -54,6 +54,7 @@ SMALLER: dict[str, dict[str, float | int]] = {
     "real-odometry": {"sets": 1},
     "real-panorama": {"parts": 2},
     "referee": {"sets": 1},
+    "sessions": {"small": True},
     "strangers": {"laws": 1, "limit_s": 25.0},
     "walking": {"commands": 50},
 }
