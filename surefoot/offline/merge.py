@@ -115,8 +115,6 @@ def merge(paths: Sequence[Path], out: Path | None, say: Say) -> MergeSummary:
 
 def _opened(paths: Sequence[Path]) -> list[MappedSession]:
     """The sessions, sorted by content."""
-    if len(paths) < 2:
-        raise InputError(f"merge: {len(paths)} map given; two at least were expected")
     found: dict[str, MappedSession] = {}
     for path in paths:
         one = MappedSession.open(path)
@@ -125,6 +123,8 @@ def _opened(paths: Sequence[Path]) -> list[MappedSession]:
                 f"merge: {path} and {found[one.digest].folder.root} are the same map; give each session once"
             )
         found[one.digest] = one
+    if len(found) < 2:
+        raise InputError(f"merge: only {len(found)} map was given; two at least were expected")
     return [found[digest] for digest in sorted(found)]
 
 

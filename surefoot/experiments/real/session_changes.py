@@ -37,6 +37,7 @@ from .session_splits import Aligned, aligned, mapped
 FIRST_HOME = 0  # seeds; thresholds were chosen on homes from 100 on
 MOVED = 3  # pieces in each home
 NEAR_M = 0.35
+KINDS = ("before", "after")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,14 +47,12 @@ class Found:
     Args:
         state: The home before and after.
         places: The cameras beside the truth; None if the sessions stay apart.
-        changes: Of changes.json.
-        folder: Of the merged map.
+        changes: Of changes.json, from the first session to the second.
     """
 
     state: Rearranged
     places: Aligned | None
     changes: list[dict[str, Any]]
-    folder: Path
 
     def true_places(self) -> dict[str, Float[np.ndarray, "n 2"]]:
         """Places left and filled, in the axes of the map."""
@@ -81,39 +80,20 @@ class Score:
         if one.places is None:
             self.missed += 2 * len(one.state.old)
             return
-        true, reported = one.true_places(), {"before": [], "after": []}  # type: ignore[var-annotated]
-        ends: list[dict[str, int | None]] = []
-        for change in one.changes:
-            forwards = change["sessions"] == self._order(one)
-            end: dict[str, int | None] = {}
-            for kind, key in zip(
-                ("before", "after"), ("before", "after")[:: 1 if forwards else -1], strict=True
-            ):
-                if change[key] is not None:
-                    end[kind] = _nearest(change[key], true[kind])
-                    reported[kind].append(end[kind])
-            ends.append(end)
-        for kind, hits in reported.items():
-            got = {hit for hit in hits if hit is not None}
+        true = one.true_places()
+        hits = [
+            {kind: _nearest(change[kind], true[kind]) for kind in KINDS if change[kind] is not None}
+            for change in one.changes
+        ]
+        for kind in KINDS:
+            named = [hit[kind] for hit in hits if kind in hit]
+            got = {hit for hit in named if hit is not None}
             self.found += len(got)
             self.missed += len(true[kind]) - len(got)
-            self.right += sum(hit is not None for hit in hits)
-            self.wrong += sum(hit is None for hit in hits)
-        self.joined += len(
-            {
-                end["before"]
-                for end in ends
-                if len(end) == 2 and end["before"] is not None and end["before"] == end["after"]
-            }
-        )
-
-    @staticmethod
-    def _order(one: Found) -> list[int]:
-        """Numbers of the first and the second session of a home."""
-        content = RunFolder.open(one.folder).read_json("sessions.json")
-        assert content is not None
-        by_name = {session["name"]: session["session"] for session in content["sessions"]}
-        return [by_name["first"], by_name["second"]]
+            self.right += sum(hit is not None for hit in named)
+            self.wrong += sum(hit is None for hit in named)
+        both = {hit["before"] for hit in hits if len(hit) == 2 and hit["before"] == hit["after"]}
+        self.joined += len(both - {None})
 
     @property
     def precision(self) -> float:
@@ -155,5 +135,17 @@ def home_changes(seed: int, place: Path, most: int, say: Say) -> Found:
     folder = place / "merged"
     say(f"home {seed}: merge")
     merge(maps, folder, lambda text: None)
-    content = RunFolder.open(folder).read_json("changes.json") or {"changes": []}
-    return Found(state, aligned(folder), content["changes"], folder)
+    return Found(state, aligned(folder), _forwards(RunFolder.open(folder)))
+
+
+def _forwards(run: RunFolder) -> list[dict[str, Any]]:
+    """The changes of a merged map from the session named first to the other one."""
+    sessions, changes = run.read_json("sessions.json"), run.read_json("changes.json")
+    assert sessions is not None
+    assert changes is not None
+    if sessions["sessions"][0]["name"] == "first":
+        return list(changes["changes"])
+    return [
+        change | {"before": change["after"], "after": change["before"]}
+        for change in changes["changes"]
+    ]

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mapping.surface.tsdf_config import TsdfConfig
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError, OutputError, RecordingError
 from perception.primitives.frame import ColourView, DepthView, Frame
@@ -76,7 +77,7 @@ def walked(path, boxes, paint, begin, seed):
             pose = Pose3.from_rotation(R, np.array([-1.7 + 0.05 * n, 0.2 - 0.04 * n, 1.3]))
             depth, colour = picture(boxes, paint, pose, rng)
             writer.write(encode(Frame(k / 5, depth=depth, colour=colour, T_world_camera=pose)))
-    config = replace(Config(), ignore_poses=True)
+    config = replace(Config(), ignore_poses=True, surface=TsdfConfig(voxel_m=0.04))
     job = Job.open("map", path.with_suffix(".mcap"), None, config, path)
     return Path(map_recording(job, quiet).folder)
 
