@@ -1,4 +1,4 @@
-"""Verbs on a whole recording: map, panorama, monocular, calibrate-noise."""
+"""Verbs on a whole recording, or on several maps: map, merge, panorama, monocular, calibrate-noise."""
 
 from __future__ import annotations
 
@@ -68,6 +68,28 @@ def map_verb(
     click.echo(json.dumps(asdict(mapped), indent=2) if as_json else "\n".join(mapped.lines()))
     if config.ignore_poses and not as_json:
         click.echo(against_truth(job.folder))
+
+
+@click.command()
+@click.argument("maps", type=PATH, nargs=-1, required=True, metavar="MAP...")
+@out_option
+@json_option
+def merge(maps: tuple[Path, ...], out: Path | None, as_json: bool) -> None:
+    """Merge MAPs of one place, each of its own session, into one map.
+
+    \b
+    A MAP is a folder of `surefoot map`; its recording is read again. Sessions that show another place stay apart,
+    each part with a folder of its own. changes.json says what was moved between two sessions. The order of the
+    maps does not matter.
+    Examples:
+      surefoot merge runs/monday runs/tuesday --out runs/office
+      surefoot merge runs/kitchen-*
+    """
+    from ..offline.merge import merge as merge_maps
+
+    with progress() as say:
+        merged = merge_maps(maps, out, say)
+    click.echo(json.dumps(asdict(merged), indent=2) if as_json else "\n".join(merged.lines()))
 
 
 @click.command()

@@ -5,23 +5,11 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
-from mapping.grid.world_map import WorldMap
-from mapping.io import world_file
-from mapping.io.clouds import save_ply
-from mapping.surface.background import Background
-from mapping.surface.meshes import save_mesh
-from mapping.surface.surface_map import surface_map
-from mapping.surface.traversability import save_layers, save_nav2, traversability
-from perception.depth.points import from_depth
-from perception.floor import classify
 from perception.primitives.errors import RecordingError
 
-from ..config.schema import Config
-from .camera_moments import CameraMoments
+from .fusion import Fusion
 from .job import Job, Say, count_reasons
-from .placed_images import PlacedImage, PlacedImages, WalkingBody, placed_images
+from .placed_images import PlacedImages, WalkingBody, placed_images
 
 
 @dataclass(frozen=True)
@@ -79,37 +67,16 @@ def map_recording(job: Job, say: Say) -> MapSummary:
     """
     recording, folder = job.recording, job.folder
     source = placed_images(recording, job.config, say)
-    surface = Background(surface_map(job.config.surface))
     of = f" of {recording.info.frames}" if recording.info.frames else ""
-    world = WorldMap(job.config.world_map)
-    moments = CameraMoments(folder, job.config)
+    fusion = Fusion(folder, job.config)
     for image in source.images():
-        surface.integrate(image.depth, image.T_map_camera, image.rgb)
-        add_to_map(world, image, float(source.frames), job.config)
-        camera = image.depth.camera
-        moments.add(
-            image.stamp_s,
-            image.sensor,
-            camera,
-            image.T_map_camera,
-            image.depth.z,
-            image.rgb,
-            image.pose,
-        )
+        fusion.add(image, float(source.frames))
         say(f"surface: frame {source.frames}{of}")
-    moments.close()
+    fusion.close()
     if not source.frames:
         raise _nothing_placed(source)
     source.write(folder)
-    mesh = surface.mesh()
-    say(f"mesh of {len(mesh.vertices)} vertices")
-    save_mesh(folder.path("mesh.ply"), mesh)
-    save_ply(folder.path("cloud.ply"), np.asarray(mesh.vertices, dtype=np.float64), mesh.colours)
-    layers = traversability(mesh)
-    save_nav2(folder.root, "map", layers)
-    save_layers(folder.path("layers.npz"), layers)
-    world_file.save(folder.root, world)
-    walkable = layers.known & ~layers.occupied & (np.nan_to_num(layers.probability) > 0.5)
+    vertices, walkable_m2 = fusion.write(say)
     mapped = MapSummary(
         str(folder.root),
         source.frames,
@@ -117,8 +84,8 @@ def map_recording(job: Job, say: Say) -> MapSummary:
         source.lost,
         source.doubtful,
         source.closures,
-        len(mesh.vertices),
-        float(walkable.sum()) * layers.cell_m**2,
+        vertices,
+        walkable_m2,
         (*recording.remarks, *source.remarks),
     )
     figures: dict[str, Any] = asdict(mapped)
@@ -126,27 +93,6 @@ def map_recording(job: Job, say: Say) -> MapSummary:
     moves = "body" if isinstance(source, WalkingBody) else "camera"
     job.finish(**figures, trajectory=moves)
     return mapped
-
-
-def add_to_map(world: WorldMap, image: PlacedImage, stamp_s: float, config: Config) -> None:
-    """Add an image to the map of the whole run, as the pipeline does with its views."""
-    reach = config.reach.of(image.sensor)
-    points = from_depth(image.depth, reach.nearest_m, reach.farthest_m, reach.stride)
-    below = image.floor.moved(image.T_map_camera.inverse())
-    classes = classify.classify(points, below, config.classes)
-    used = classes != classify.OVERHANG
-    xyz = points.xyz[used]
-    upright = image.T_map_camera.apply(xyz)
-    upright[:, 2] = below.distance(xyz)
-    world.update(
-        upright,
-        classes[used] != classify.FLOOR,
-        stamp_s,
-        np.array([*image.T_map_camera.position[:2], below.offset_m]),
-        sigma_m=points.sigma[used] * np.linalg.norm(xyz, axis=1) / xyz[:, 2],
-        floor=image.floor,
-        pose=image.pose,
-    )
 
 
 def _nothing_placed(source: PlacedImages) -> RecordingError:

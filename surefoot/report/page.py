@@ -47,6 +47,8 @@ FILES = {
     "graph.g2o": "pose graph: keyframes, odometry and loop closures",
     "smoothed.txt": "smoothed poses, which use later measurements too (`surefoot smooth`)",
     "smoothed_covariance.csv": "the same as x, y, yaw with covariance",
+    "sessions.json": "the sessions of a merged map: the part of each, and the evidence for every two",
+    "changes.json": "what was moved, went or came between two sessions, with probabilities",
     "map.yaml": "occupancy grid, with map.pgm, for Nav2 / map_server",
     "map_probability.yaml": "occupancy probability of the whole run, with map_probability.png, for Nav2 (mode: scale)",
     "map_layers.tif": "occupancy, height and its variance of the whole run (QGIS, GDAL, rasterio)",

@@ -58,6 +58,10 @@ LENGTHS = {
     for name in ("distance", "width", "height")
 }
 CORNER = [Maybe(float), 2]
+CHANGED = {
+    "outline_m": [POINT, 4], "position_m": POINT, "covariance": [[float, 2], 2], "size_m": [float, 3], "probability": float,
+    "voxels": int,
+}  # fmt: skip
 SHAPES: dict[str, Any] = {
     "summary.json": {
         "kind?": str, "name?": str, "recording?": str, "command?": Maybe(str), "version?": str, "frames?": int,
@@ -75,6 +79,23 @@ SHAPES: dict[str, Any] = {
         "obstacles": [EDGES | LENGTHS | {"left_edge_m": CORNER, "right_edge_m": CORNER}], "gaps": [EDGES | LENGTHS],
     },
     "monocular.json": {"frames": int, "skipped?": Values(int), "judged": int, "iou?": Maybe(float), "iou_min?": Maybe(float)},
+    "sessions.json": {
+        "part": int,
+        "sessions": [{
+            "session": int, "name": str, "map": str, "recording": str, "digest": str, "frames": int, "part": int, "shift_s": float,
+            "from_s": float, "to_s": float,
+        }],
+        "pairs": [{
+            "sessions": [int, 2], "probability": float, "merged": bool, "links": int, "views": int, "compared": int,
+            "fitting": Maybe(float), "contradicting": Maybe(float),
+        }],
+        "parts": [[int]],
+    },
+    "changes.json": {
+        "changes": [{
+            "sessions": [int, 2], "kind": str, "probability": float, "before": Maybe(CHANGED), "after": Maybe(CHANGED),
+        }],
+    },
     "truth/outlines.json": [{"parts_m": [[POINT]], "sides": [{"length_m": float, "seen": float}]}],
 }  # fmt: skip
 

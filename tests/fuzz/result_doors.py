@@ -22,7 +22,10 @@ from recording_doors import POSES
 from mapping.grid.egocentric_grid import EgocentricGrid, GridConfig
 from mapping.io import geotiff, grid_file, nav2
 from mapping.surface.traversability import load_layers
+from perception.odometry.session_graph import join
+from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
+from perception.primitives.frame import DepthView, Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
@@ -31,6 +34,7 @@ from surefoot.batch.job import DONE, PROCESS, Job
 from surefoot.batch.ledger import LEDGER, Ledger
 from surefoot.batch.places import Order
 from surefoot.batch.work import figures_of
+from surefoot.config import toml
 from surefoot.config.schema import Config
 from surefoot.evaluation.evaluate import evaluate
 from surefoot.evaluation.foreign_graph import read_g2o
@@ -38,11 +42,13 @@ from surefoot.evaluation.foreign_trajectory import read_trajectory
 from surefoot.evaluation.referee import judge_files
 from surefoot.experiments.support import artefacts
 from surefoot.library.run_results import opened
+from surefoot.offline.mapped_session import MappedSession, read_images
 from surefoot.offline.smooth import smooth_run
 from surefoot.recordings.codec import encode
 from surefoot.recordings.identity import identity
 from surefoot.recordings.mcap_format import RecordingWriter
 from surefoot.recordings.open import open_recording
+from surefoot.recordings.recording import RecordingInfo
 from surefoot.report import page
 from surefoot.report.film import film
 from surefoot.report.live_view import LivePage
@@ -50,7 +56,8 @@ from surefoot.report.replay.page import write_replay
 from surefoot.results import object_file
 from surefoot.results.moment import Moment
 from surefoot.results.moments import MomentWriter, read_moments
-from surefoot.results.run_folder import COVARIANCE_HEADER, RunFolder
+from surefoot.results.run_folder import COVARIANCE_HEADER, SPACE_HEADER, RunFolder
+from surefoot.results.tracking import TRACKING_HEADER
 from surefoot.run import checkpoint, process
 
 WALK = Path(__file__).parents[2] / "data" / "walk"
@@ -111,6 +118,7 @@ def whole_run(folder: Path) -> None:
     views = [{"placed": False, "frame": 1, "reason": "x"}, {"placed": True, "frame": 2}]
     run.write_json("panorama.json", {"views": views, "obstacles": [gap | edges], "gaps": [gap]})
     run.write_json("monocular.json", {"frames": 2, "judged": 1, "iou": 0.9, "iou_min": 0.8})
+    merged_files(run, corners)
     cells = np.ones((6, 8))
     layers = {"elevation": cells, "slope": cells, "traversability": cells / 2}
     np.savez_compressed(
@@ -119,12 +127,62 @@ def whole_run(folder: Path) -> None:
     evaluate(run)
 
 
+def merged_files(run: RunFolder, corners: list[list[float]]) -> None:
+    """What a merged map has beside the files of a map."""
+    session = {
+        "session": 1, "name": "x", "map": "a", "recording": "b", "digest": "c", "frames": 4, "part": 1, "shift_s": 0.0,
+        "from_s": 0.0, "to_s": 9.0,
+    }  # fmt: skip
+    pair = {
+        "sessions": [1, 2], "probability": 0.9, "merged": True, "links": 3, "views": 2, "compared": 5, "fitting": 0.9,
+        "contradicting": None,
+    }  # fmt: skip
+    content = {"part": 1, "sessions": [session, session | {"session": 2}], "pairs": [pair], "parts": [[1, 2]]}  # fmt: skip
+    run.write_json("sessions.json", content)
+    place = {
+        "outline_m": corners, "position_m": [0.2, 0.2], "covariance": [[1e-3, 0.0], [0.0, 1e-3]], "size_m": [0.4, 0.4, 0.5],
+        "probability": 0.9, "voxels": 40,
+    }  # fmt: skip
+    change = {"sessions": [1, 2], "kind": "moved", "probability": 0.8, "before": place, "after": place}  # fmt: skip
+    run.write_json("changes.json", {"changes": [change]})
+
+
+def mapped_session(folder: Path) -> None:
+    """A small map of a camera, with its recording."""
+    run, camera = RunFolder.create(folder), Camera(48, 40, 40.0, 40.0, 23.5, 19.5)
+    rng, stamps = np.random.default_rng(2), (0.0, 0.5, 1.0)
+    with RecordingWriter(folder / "recording.mcap", RecordingInfo("x", "mcap")) as writer:
+        for stamp in stamps:
+            depth = DepthView(rng.uniform(1.0, 2.0, (40, 48)).astype(np.float32), camera)
+            writer.write(encode(Frame(stamp, depth=depth)))
+    run.write_text("trajectory.txt", "".join(f"{t} {t} 0 1 0 0 0 1\n" for t in stamps))
+    run.write_csv(
+        "space_covariance.csv", SPACE_HEADER, [(t, *(42 * [1e-4 * (1 + t)])) for t in stamps]
+    )
+    run.write_csv("tracking.csv", TRACKING_HEADER, [(t, "tracked", 0.1, False) for t in stamps])
+    information = " ".join("9" if i == j else "0" for i in range(6) for j in range(i, 6))
+    vertices = "".join(f"VERTEX_SE3:QUAT {k} {k / 2} 0 0 0 0 0 1\n" for k in range(3))
+    edges = "".join(f"EDGE_SE3:QUAT {k} {k + 1} 0.5 0 0 0 0 0 1 {information}\n" for k in range(2))
+    run.write_text("graph.g2o", vertices + edges)
+    run.write_text("config.toml", toml.dumps(Config()))
+    summary = {"kind": "map", "name": "x", "frames": 3, "command": "surefoot map x"}
+    run.write_json("summary.json", summary)
+
+
+def read_session(folder: Path) -> None:
+    """As `merge` does with each map."""
+    session = MappedSession.open(folder)
+    join([read_images(session, quiet).graph], {}, [0])
+
+
 def read_run(folder: Path) -> None:
     """As `evaluate`, `smooth` and the library do."""
     run = RunFolder.open(folder)
     run.write_json("metrics.json", evaluate(run))
     smooth_run(run)
     loaded = opened(folder, None)
+    for name in ("sessions.json", "changes.json"):
+        run.read_json(name)
     for name in ("trajectory", "poses_in_space", "tracks", "footprints", "floor", "grid", "map", "layers", "summary", "metrics"):  # fmt: skip
         getattr(loaded, name)
 
@@ -352,6 +410,7 @@ DOORS = {
     "simple_run": Door(simple_run, lambda folder: evaluate(RunFolder.open(folder))),
     "whole_run": Door(whole_run, read_run, slow=True),
     "shown_run": Door(whole_run, show_run, slow=True),
+    "session": Door(mapped_session, read_session, slow=True),
     "report": Door(whole_run, lambda folder: page.write_report(RunFolder.open(folder)), slow=True),
     "batch": Door(batch_folder, read_batch),
     "checkpoint": Door(killed_run, resume),

@@ -25,8 +25,9 @@ from perception.primitives.pose import Pose3
 from sim.free_space import ROBOT_TOP_M
 
 from ...config.schema import Config
+from ...offline.fusion import add_to_map
 from ...offline.job import Job
-from ...offline.map import add_to_map, map_recording
+from ...offline.map import map_recording
 from ...offline.placed_images import GivenCamera
 from ...recordings.open import open_recording
 from ...recordings.recording import RecordingInfo, SkippedFrame

@@ -73,6 +73,7 @@ FILES = {
     "real-planes": "real.labelled_floors",
     "real-stereo": "real.stereo",
     "referee": "real.referee",
+    "sessions": "real.sessions",
 }
 """Id of the specification to module, sorted by room."""
 

@@ -61,6 +61,7 @@ SMALLER: dict[str, dict[str, float | int]] = {
     "real-panorama": {"parts": 2},
     "referee": {"sets": 1},
     "sensors": {"each": 2},
+    "sessions": {"small": True},
     "strangers": {"laws": 1, "limit_s": 25.0},
     "walking": {"commands": 50},
 }

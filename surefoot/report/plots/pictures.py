@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ...results.run_folder import RunFolder
-from . import consistency, surface, time_series, top_view, world_map
+from . import consistency, sessions, surface, time_series, top_view, world_map
 from .style import Drawn, Picture, styled, svg
 
 _PLOTS: tuple[tuple[str, str, Callable[[RunFolder], Drawn | None]], ...] = (
     ("map", "Trajectory", top_view.trajectory),
+    ("sessions", "Sessions and changes", sessions.sessions),
     ("surface", "Surface", surface.surface),
     ("layers", "Floor layers", surface.layers),
     ("world", "Map of the whole run", world_map.world_map),

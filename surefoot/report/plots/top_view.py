@@ -34,13 +34,7 @@ def trajectory(run: RunFolder) -> Drawn | None:
     table = run.read_csv("trajectory_covariance.csv")
     if grid is None and table is None:
         return None
-    box = _frame(grid, run)
-    figure, axes = _sheet(box)
-    if grid is not None:
-        picture = np.full((*grid.state.shape, 3), _UNSEEN)
-        picture[grid.state == FREE] = _FREE
-        picture[grid.state == OCCUPIED] = _OCCUPIED
-        _show(axes, picture, grid)
+    figure, axes = grid_sheet(run)
     _tracks(axes, run)
     _truth(axes, run)
     if table is not None:
@@ -49,8 +43,6 @@ def trajectory(run: RunFolder) -> Drawn | None:
         x, y = given.positions[:, 0], given.positions[:, 1]
         axes.plot(x, y, color=ESTIMATE, lw=1.8, zorder=6, label="poses of the recording")
     _marks(axes, run)
-    axes.set_xlim(box[0], box[1])
-    axes.set_ylim(box[2], box[3])
     _legend(axes)
     sentence = "Poses of the recording"
     if table is not None:
@@ -60,6 +52,22 @@ def trajectory(run: RunFolder) -> Drawn | None:
     if grid is not None:
         sentence += ", over the occupancy grid: white is free, dark occupied, grey unknown"
     return Drawn(figure, f"{sentence}.")
+
+
+def grid_sheet(run: RunFolder) -> tuple[Figure, Axes]:
+    """Axes over what the run saw and where it went, with its grid if it has one."""
+    grid = read_map(run.path("map.yaml")) if run.has("map.yaml") else None
+    box = _frame(grid, run)
+    figure, axes = _sheet(box)
+    axes.set_autoscale_on(False)
+    axes.set_xlim(box[0], box[1])
+    axes.set_ylim(box[2], box[3])
+    if grid is not None:
+        picture = np.full((*grid.state.shape, 3), _UNSEEN)
+        picture[grid.state == FREE] = _FREE
+        picture[grid.state == OCCUPIED] = _OCCUPIED
+        _show(axes, picture, grid)
+    return figure, axes
 
 
 def grid_check(run: RunFolder) -> Drawn | None:

@@ -33,6 +33,7 @@ VERBS = (
     "batch",
     "smooth",
     "map",
+    "merge",
     "panorama",
     "monocular",
     "calibrate-noise",
@@ -136,7 +137,7 @@ def test_an_impossible_number_is_refused_by_its_name(words):
 
 
 READS = (
-    "process", "map", "panorama", "monocular", "calibrate-noise", "smooth", "evaluate", "view", "replay", "film", "export",
+    "process", "map", "merge", "panorama", "monocular", "calibrate-noise", "smooth", "evaluate", "view", "replay", "film", "export",
 )  # fmt: skip
 
 
