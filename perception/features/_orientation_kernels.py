@@ -14,8 +14,6 @@ from ..primitives.compiled import njit
 
 BINS = 36
 PI = math.pi
-PUBLISHED_HALF = 8
-"""Half a mask of the published width, 1.6 px; its moments of orders 1, 3 and 5 are computed in one pass."""
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -35,37 +33,9 @@ def _patch(level: np.ndarray, row0: int, col0: int, extent: int, patch: np.ndarr
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _even_of_published_width(
-    source: np.ndarray, step: int, weights: np.ndarray, out: np.ndarray
-) -> None:
-    """The same for half a mask of 8, in one pass."""
-    w0 = weights[0]
-    w1, w2, w3, w4, w5, w6, w7, w8 = _weights(weights)
-    for i in range(out.size):
-        m = i + PUBLISHED_HALF * step
-        near = (
-            w0 * source[m]
-            + w1 * (source[m + step] + source[m - step])
-            + w2 * (source[m + 2 * step] + source[m - 2 * step])
-            + w3 * (source[m + 3 * step] + source[m - 3 * step])
-            + w4 * (source[m + 4 * step] + source[m - 4 * step])
-        )
-        out[i] = (
-            near
-            + w5 * (source[m + 5 * step] + source[m - 5 * step])
-            + w6 * (source[m + 6 * step] + source[m - 6 * step])
-            + w7 * (source[m + 7 * step] + source[m - 7 * step])
-            + w8 * (source[m + 8 * step] + source[m - 8 * step])
-        )
-
-
-@njit(cache=True, nogil=True, fastmath=True)
 def _even(source: np.ndarray, step: int, weights: np.ndarray, out: np.ndarray) -> None:
     """Convolve with the mask of order 0, from its middle outwards, whose entries lie `step` apart."""
     half = weights.shape[0] - 1
-    if half == PUBLISHED_HALF:
-        _even_of_published_width(source, step, weights, out)
-        return
     centre, weight = source[half * step :], weights[0]
     for i in range(out.size):
         out[i] = weight * centre[i]
@@ -76,45 +46,11 @@ def _even(source: np.ndarray, step: int, weights: np.ndarray, out: np.ndarray) -
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _odd_of_published_width(
-    source: np.ndarray, step: int, masks: np.ndarray, sums: np.ndarray, total: np.ndarray
-) -> None:
-    """The same for three orders and half a mask of 8: every pixel is read once, and all sums stay in registers."""
-    a1, a2, a3, a4, a5, a6, a7, a8 = _weights(masks[1])
-    b1, b2, b3, b4, b5, b6, b7, b8 = _weights(masks[2])
-    c1, c2, c3, c4, c5, c6, c7, c8 = _weights(masks[3])
-    for i in range(total.size):
-        m = i + PUBLISHED_HALF * step
-        d1 = source[m + step] - source[m - step]
-        d2 = source[m + 2 * step] - source[m - 2 * step]
-        d3 = source[m + 3 * step] - source[m - 3 * step]
-        d4 = source[m + 4 * step] - source[m - 4 * step]
-        d5 = source[m + 5 * step] - source[m - 5 * step]
-        d6 = source[m + 6 * step] - source[m - 6 * step]
-        d7 = source[m + 7 * step] - source[m - 7 * step]
-        d8 = source[m + 8 * step] - source[m - 8 * step]
-        a = a1 * d1 + a2 * d2 + a3 * d3 + a4 * d4 + a5 * d5 + a6 * d6 + a7 * d7 + a8 * d8
-        b = b1 * d1 + b2 * d2 + b3 * d3 + b4 * d4 + b5 * d5 + b6 * d6 + b7 * d7 + b8 * d8
-        c = c1 * d1 + c2 * d2 + c3 * d3 + c4 * d4 + c5 * d5 + c6 * d6 + c7 * d7 + c8 * d8
-        sums[i] = a
-        total[i] = a * a + b * b + c * c
-
-
-@njit(cache=True, nogil=True)
-def _weights(mask: np.ndarray) -> tuple:  # type: ignore[type-arg]
-    """The entries of half a mask beside its middle."""
-    return mask[1], mask[2], mask[3], mask[4], mask[5], mask[6], mask[7], mask[8]
-
-
-@njit(cache=True, nogil=True, fastmath=True)
 def _odd(
     source: np.ndarray, step: int, masks: np.ndarray, sums: np.ndarray, total: np.ndarray
 ) -> None:
     """Convolutions with the odd masks: that of order 1, and the sum of the squares of all."""
     half = masks.shape[1] - 1
-    if half == PUBLISHED_HALF and masks.shape[0] == 4:
-        _odd_of_published_width(source, step, masks, sums, total)
-        return
     for i in range(total.size):
         total[i] = np.float32(0.0)
     for m in range(masks.shape[0] - 1, 0, -1):
