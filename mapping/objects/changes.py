@@ -270,17 +270,15 @@ def _object(
     along = along / max(float(np.linalg.norm(along)), 1e-9)
     across = np.array([-along[1], along[0]])
     sides = [float(np.ptp(points[:, :2] @ axis)) for axis in (along, across)]
-    covariance = sum(
-        (spread**2 + (UNSEEN_SHARE * side) ** 2) * np.outer(axis, axis)
-        for side, axis in zip(sides, (along, across), strict=True)
-    )
+    axes = np.stack([along, across], axis=1)
+    covariance = axes @ np.diag(spread**2 + (UNSEEN_SHARE * np.array(sides)) ** 2) @ axes.T
     misplaced = 2.0 * float(
         ndtr(-float(np.median(away)) / spread)
     )  # an unchanged surface, that far off
     return ChangedObject(
         corners,
         np.array(centre, float),
-        np.asarray(covariance),
+        covariance,
         np.array([length, width, top]),
         low,
         float(chance.mean()) * (1.0 - misplaced),

@@ -69,7 +69,9 @@ def rearranged(scene: Scene, count: int, rng: np.random.Generator) -> Rearranged
     """
     before = replace(scene, moving_objects=())
     movable = [k for k, one in enumerate(scene.static_objects) if one.name.startswith(SMALL)]
-    objects, old, new = list(scene.static_objects), [], []
+    objects = list(scene.static_objects)
+    old: list[np.ndarray] = []
+    new: list[np.ndarray] = []
     for k in rng.permutation(movable).tolist():
         if len(old) == count:
             break

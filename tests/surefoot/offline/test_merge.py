@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from mapping.surface.tsdf_config import TsdfConfig
+from perception.odometry.session_graph import BELIEVED
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError, OutputError, RecordingError
 from perception.primitives.frame import ColourView, DepthView, Frame
@@ -33,7 +34,8 @@ ROOM = ((-2.5, -2.0, 0.0), (2.5, 2.0, 2.4))
 OTHER = ((-1.8, -3.0, 0.0), (3.4, 1.6, 2.6))
 CUPBOARD = ((1.9, 0.5, 0.0), (2.5, 1.4, 1.7))
 BOX = ((1.0, -0.9, 0.0), (1.5, -0.4, 0.6))
-MOVED = ((0.9, 0.9, 0.0), (1.4, 1.4, 0.6))
+MOVED = ((0.6, 0.0, 0.0), (1.1, 0.5, 0.6))
+FRAMES = 9  # of each session
 SAME = (
     "trajectory.txt", "space_covariance.csv", "graph.g2o", "mesh.ply", "cloud.ply", "map.pgm", "layers.npz",
     "sessions.json", "changes.json",
@@ -71,10 +73,12 @@ def walked(path, boxes, paint, begin, seed):
         path.name, "simulation", poses_given=True, gravity_up_world=(0.0, 0.0, 1.0)
     )
     with RecordingWriter(path.with_suffix(".mcap"), info) as writer:
-        for k in range(12):
+        for k in range(FRAMES):
             n = begin + k
             R = head_rotation(-0.75 + 0.08 * n, 0.40)
-            pose = Pose3.from_rotation(R, np.array([-1.7 + 0.05 * n, 0.2 - 0.04 * n, 1.3]))
+            pose = Pose3.from_rotation(
+                R, np.array([-1.7 + 0.05 * n, 0.2 - 0.005 * n * n, 1.3 + 0.01 * n])
+            )
             depth, colour = picture(boxes, paint, pose, rng)
             writer.write(encode(Frame(k / 5, depth=depth, colour=colour, T_world_camera=pose)))
     config = replace(Config(), ignore_poses=True, surface=TsdfConfig(voxel_m=0.04))
@@ -90,7 +94,7 @@ def maps(tmp_path_factory):
         patch.setattr(page, "write_report", lambda run: None)
         return [
             walked(place / "monday", [ROOM, CUPBOARD, BOX], 3, 0, 1),
-            walked(place / "tuesday", [ROOM, CUPBOARD, MOVED], 3, 5, 2),
+            walked(place / "tuesday", [ROOM, CUPBOARD, MOVED], 3, 4, 2),
             walked(place / "elsewhere", [OTHER, BOX], 8, 2, 3),
         ]
 
@@ -125,14 +129,14 @@ def test_sessions_of_one_room_are_one_map_and_another_room_stays_apart(maps, mer
     for pair in content["pairs"]:
         related = "elsewhere" not in {names[k] for k in pair["sessions"]}
         assert pair["merged"] == related
-        assert (pair["probability"] > 0.99) if related else (pair["probability"] < 0.1)
+        assert (pair["probability"] >= BELIEVED) if related else (pair["probability"] < 0.1)
     assert any("elsewhere" in line or "alone" in line for line in summary.lines())
     assert (out / "part-2" / "mesh.ply").is_file()
 
 
 def test_the_cameras_of_both_sessions_are_where_they_were(maps, merged):
     mine, true = true_poses(maps, merged[1])
-    assert len(mine) == 24
+    assert len(mine) == 2 * FRAMES
     errors = distances(align(mine, true).apply(mine), true)
     assert np.sqrt(np.mean(errors**2)) < 0.01
 
@@ -212,7 +216,7 @@ def test_a_recording_with_other_images_is_refused(maps, tmp_path):
     lines = (moved / "trajectory.txt").read_text().splitlines()
     late = [line if line.startswith("#") else "9" + line for line in lines]
     (moved / "trajectory.txt").write_text("\n".join(late))
-    with pytest.raises(InputError, match="has none of the 12 images of the map"):
+    with pytest.raises(InputError, match="has none of the 9 images of the map"):
         read_images(MappedSession.open(moved), quiet)
 
 
