@@ -116,7 +116,7 @@ def simulate(
         begin = stack.enter_context(_recorder(folder, record))
         robot = stack.enter_context(SimulatedRobot(world, config.robot, config.seed))
         info = known_beforehand(scene, robot, config)
-        truth = TruthLog(robot, scene)
+        truth = TruthLog(robot, scene, folder)
         faults = FaultInjector(config.faults, config.seed)
         body = LiveBody(robot, begin(info), faults, lambda: truth.note(world.stamp_s))
         pipeline = Pipeline(config, info)
@@ -137,7 +137,7 @@ def simulate(
         fell = body.fell_at_s
         if fell is not None:
             truth.note(fell)
-        truth.write(folder)
+        truth.finish()
     summary = Summary(
         folder.root,
         recorder.frames,
