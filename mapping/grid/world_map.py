@@ -44,7 +44,7 @@ SHARES = Shares(1.9, 0.17, 0.036, 0.35)
 LOOKS = ("looks", "hits", "log_odds", "updated_s", "moving")
 FRAMES = ("floor_frames", "obstacle_frames")
 HEIGHTS = ("height_m", "variance_m2", "raised")
-EMPTY = {
+EMPTY: dict[str, np.generic] = {
     "looks": np.float32(0.0),
     "hits": np.float32(0.0),
     "log_odds": np.float32(np.inf),
