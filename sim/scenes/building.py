@@ -106,7 +106,9 @@ def _plan(
     """Rooms row by row from the south, corridors, all doorways, and the inner walls with door leaves."""
     wide, deep = ROOM_M
     t, right = WALL_THICKNESS_M, COLUMNS * (wide + WALL_THICKNESS_M) - WALL_THICKNESS_M
-    rows, corridors, at = [], [], 0.0
+    rows: list[tuple[float, float]] = []
+    corridors: list[tuple[float, float]] = []
+    at = 0.0
     for kind in "rcrrcr":  # rows and corridors from the south
         height = deep if kind == "r" else CORRIDOR_M
         (rows if kind == "r" else corridors).append((at, at + height))

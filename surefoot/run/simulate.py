@@ -22,7 +22,7 @@ from ..recordings.recording import RecordingInfo
 from ..results.run_folder import RunFolder
 from .bodies import LiveBody
 from .interrupt import stop_requested
-from .loop import cycles
+from .loop import Cycle, cycles
 from .pipeline import Pipeline
 from .run_recorder import RunRecorder
 from .summary import Say, Summary
@@ -79,6 +79,7 @@ def simulate(
     say: Say,
     page: LivePage | None = None,
     report: bool = True,
+    watch: Callable[[Cycle], object] = lambda cycle: None,
 ) -> Summary:
     """Walk through a simulated scene until its goals are reached or the time limit ends the walk.
 
@@ -91,6 +92,7 @@ def simulate(
         say: Receives lines of progress.
         page: Shows the walk while it goes on, and may make it wait between two frames.
         report: Write report.html, replay.html and the tables, which takes seconds.
+        watch: Is given every cycle, for studies.
 
     Raises:
         InputError: Unknown scene or planner.
@@ -129,6 +131,7 @@ def simulate(
         for cycle in cycles(body, pipeline, planner, config.planning.robot):
             truth.note(cycle.world.stamp_s, faults.touched())
             moment = recorder.note(cycle)
+            watch(cycle)
             if page is not None and moment is not None:
                 page.show(moment, stopped)
             say(recorder.progress(cycle.world, planner))
