@@ -17,30 +17,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from scipy import ndimage
 
+from .hills import divide, jambs_of, joined
 from .world_map import WorldMap
 
 FREE_BELOW = 0.5  # as for planners: a cell of a lower probability can be walked on
 SPECK_CELLS = 3  # ours: fewer occupied cells amid the floor are noise
 HOLE_M2 = 0.10  # ours: unseen floor this small, as under the robot's chin, is floor
-WIDEST_M = 0.95  # ours: doorways of homes are 0.6 to 0.9 m wide
-NARROWER = (
-    0.72  # ours: clearance of a doorway by that of the smaller room; maps of seeds 100 to 103
-)
-LEAST_M2 = 1.5  # ours: a smaller part of the floor is no room
-WALL_M, WALL_SHARE = 0.30, 0.65  # ours: a wall goes on so far behind a jamb, in this share of cells
-ASIDE_CELLS = 4  # ours: which may be beside the line, as door leaves hide corners
-FACING = 0.7  # ours: cosine of the angle between the directions to the two jambs, turned round
 AROUND = np.ones((3, 3), np.bool_)
 
-Saddles = dict[tuple[int, int], tuple[int, int]]
-"""Two hills, the lower number first, and [row, column] of the highest saddle between them."""
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Room:
     """A room.
 
@@ -48,12 +39,14 @@ class Room:
         number: Its label, from 1.
         centre: Place with the largest clearance, world frame, m.
         area_m2, sigma_m2: Free floor that was seen, with standard deviation.
+        outline: Through the middles of the cells at its border, world frame, m; holes are not cut out.
     """
 
     number: int
     centre: tuple[float, float]
     area_m2: float
     sigma_m2: float
+    outline: Float[np.ndarray, "n 2"]
 
 
 @dataclass(frozen=True)
@@ -117,7 +110,7 @@ def find(
     free = _floor(probability, known, cell_m)
     standing = known & ~free
     clearance = ndimage.distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1] * cell_m
-    hills, saddles = _joined(*_divide(clearance, standing, cell_m), clearance, cell_m)
+    hills, saddles = joined(*divide(clearance, standing, cell_m), clearance, cell_m)
     numbers = {int(hill): k + 1 for k, hill in enumerate(np.unique(hills[hills > 0]))}
     labels = np.zeros_like(hills)
     for hill, number in numbers.items():
@@ -129,11 +122,12 @@ def find(
         row, column = np.unravel_index(np.argmax(np.where(inside, clearance, -1.0)), labels.shape)
         x, y = _places(np.array([[row, column]]), origin, cell_m)[0].tolist()
         area, sigma = inside.sum() * cell_m**2, math.sqrt(variance[inside].sum()) * cell_m**2
-        rooms.append(Room(number, (x, y), float(area), sigma))
+        outline = _places(_outline(inside), origin, cell_m)
+        rooms.append(Room(number, (x, y), float(area), sigma, outline))
     doors = []
     for (one, other), cell in saddles.items():
         first, second = sorted((numbers[one], numbers[other]))
-        jambs = _jambs(cell, free, cell_m)
+        jambs = jambs_of(cell, free, cell_m)
         assert jambs is not None  # else it were no doorway
         doors.append(_door((first, second), jambs, variance, origin, cell_m))
     doors.sort(key=lambda door: door.rooms)
@@ -152,129 +146,18 @@ def _floor(
     unseen, _ = ndimage.label(~known)
     small = np.bincount(unseen.ravel())[unseen] * cell_m**2 < HOLE_M2
     beside = ndimage.binary_dilation(free, AROUND)
-    walled = np.zeros(unseen.max() + 1, np.bool_)  # holes that touch something that stands
+    walled = np.zeros(unseen.max(initial=0) + 1, np.bool_)  # holes that touch something that stands
     walled[np.unique(unseen[ndimage.binary_dilation(known & ~free, AROUND)])] = True
     return np.asarray(free | (~known & small & beside & ~walled[unseen]))
 
 
-def _divide(
-    clearance: Float[np.ndarray, "rows columns"],
-    standing: Bool[np.ndarray, "rows columns"],
-    cell_m: float,
-) -> tuple[Int[np.ndarray, "rows columns"], Saddles]:
-    """Hills of the clearance, from 1, and the highest saddle between each two that meet in a doorway."""
-    rows, columns = clearance.shape
-    labels = np.zeros((rows, columns), np.int64)
-    order = np.argsort(-clearance, axis=None, kind="stable")
-    parent, peak = [0], [0.0]
-    saddles: Saddles = {}
-
-    def root(hill: int) -> int:
-        while parent[hill] != hill:
-            hill = parent[hill]
-        return hill
-
-    for flat in order[: np.count_nonzero(clearance > 0.0)].tolist():
-        row, column = divmod(flat, columns)
-        height = float(clearance[row, column])
-        part = np.s_[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
-        around = labels[part]
-        if not around.any():
-            labels[row, column] = len(parent)
-            parent.append(len(parent))
-            peak.append(height)
-            continue
-        uphill = np.argmax(np.where(around > 0, clearance[part], -1.0))
-        labels[row, column] = around.ravel()[uphill]
-        hills = {root(hill) for hill in around[around > 0].tolist()}
-        first, *others = sorted(hills, key=lambda hill: (-peak[hill], hill))
-        for other in others:
-            pair = (min(first, other), max(first, other))
-            if pair in saddles:
-                continue
-            narrow = height < NARROWER * peak[other] and 2.0 * height - cell_m <= WIDEST_M
-            if narrow and _in_wall((row, column), clearance, standing, cell_m):
-                saddles[pair] = (row, column)
-            else:
-                parent[other] = first
-                saddles = _merged(saddles, other, first, clearance)
-    roots = np.array([root(hill) for hill in range(len(parent))])
-    return roots[labels], saddles
-
-
-def _merged(
-    saddles: Saddles, one: int, into: int, clearance: Float[np.ndarray, "rows columns"]
-) -> Saddles:
-    """The saddles after one hill has become part of another; into none (0), its saddles are gone."""
-    moved: Saddles = {}
-    for (a, b), cell in saddles.items():
-        a, b = (into if a == one else a), (into if b == one else b)
-        pair = (min(a, b), max(a, b))
-        if a == b or 0 in pair:
-            continue
-        if pair not in moved or clearance[cell] > clearance[moved[pair]]:
-            moved[pair] = cell
-    return moved
-
-
-def _in_wall(
-    cell: tuple[int, int],
-    clearance: Float[np.ndarray, "rows columns"],
-    standing: Bool[np.ndarray, "rows columns"],
-    cell_m: float,
-) -> bool:
-    """Whether the line across a saddle goes on in a thin wall behind both of its jambs."""
-    jambs = _jambs(cell, clearance > 0.0, cell_m)
-    if jambs is None:
-        return False
-    along = (jambs[1] - jambs[0]) / np.hypot(*(jambs[1] - jambs[0]))
-    outward, aside = np.mgrid[: round(WALL_M / cell_m), -ASIDE_CELLS : ASIDE_CELLS + 1]
-    across, size = np.array([-along[1], along[0]]), np.array(standing.shape) - 1
-    for jamb, ahead in ((jambs[0], -along), (jambs[1], along)):
-        cells = jamb + outward[..., None] * ahead + aside[..., None] * across
-        rows, columns = np.moveaxis(np.clip(np.rint(cells).astype(int), 0, size), -1, 0)
-        if standing[rows, columns].mean(axis=0).max() < WALL_SHARE:
-            return False
-    return True
-
-
-def _joined(
-    hills: Int[np.ndarray, "rows columns"],
-    saddles: Saddles,
-    clearance: Float[np.ndarray, "rows columns"],
-    cell_m: float,
-) -> tuple[Int[np.ndarray, "rows columns"], Saddles]:
-    """The same without small hills: each joined with its neighbour across the highest saddle, or left out."""
-    hills = hills.copy()
-    areas = np.bincount(hills.ravel()) * cell_m**2
-    areas[0] = 0.0
-    while (small := np.flatnonzero((areas > 0.0) & (areas < LEAST_M2))).size:
-        one = int(small[np.argmin(areas[small])])
-        beside = [(clearance[cell], pair) for pair, cell in saddles.items() if one in pair]
-        into = sum(max(beside)[1]) - one if beside else 0
-        hills[hills == one] = into
-        areas[into] += areas[one] if into else 0.0
-        areas[one] = 0.0
-        saddles = _merged(saddles, one, into, clearance)
-    return hills, saddles
-
-
-def _jambs(
-    cell: tuple[int, int], free: Bool[np.ndarray, "rows columns"], cell_m: float
-) -> Int[np.ndarray, "2 2"] | None:
-    """[row, column] of the nearest cells that are not free, on both sides of a saddle; None without a second."""
-    reach = math.ceil(WIDEST_M / cell_m)
-    low = np.maximum(np.array(cell) - reach, 0)
-    part = free[low[0] : cell[0] + reach + 1, low[1] : cell[1] + reach + 1]
-    there = np.argwhere(~part) + low
-    away = there - np.array(cell)
-    distance = np.hypot(*away.T)
-    first = int(np.argmin(distance))
-    across = -away @ away[first] / np.maximum(distance * distance[first], 1e-9)
-    if not (across > FACING).any():
-        return None
-    second = int(np.argmin(np.where(across > FACING, distance, np.inf)))
-    return there[[first, second]]
+def _outline(inside: Bool[np.ndarray, "rows columns"]) -> Int[np.ndarray, "n 2"]:
+    """[row, column] of the corners of the longest border of a region."""
+    borders, _ = cv2.findContours(
+        inside.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
+    )
+    longest = max(borders, key=cv2.contourArea)
+    return np.asarray(longest, np.int64).reshape(-1, 2)[:, ::-1]
 
 
 def _door(

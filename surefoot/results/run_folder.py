@@ -48,7 +48,7 @@ SIMULATION, PLAYBACK, MAP, PANORAMA, MONOCULAR, BATCH = (
 _OUTPUTS = (  # files and folders that a repeated run deletes before it starts
     "summary.json", "tables/runs.parquet", "tables", "metrics.json", "report.html", "replay.html", "config.toml", "trajectory.txt",
     "trajectory_covariance.csv", "space_covariance.csv", ERRORS, "errors.csv", "tracking.csv", "map.yaml", "map.pgm", "cloud.ply",
-    "map_probability.yaml", "map_probability.png", "map_layers.tif",
+    "map_probability.yaml", "map_probability.png", "map_layers.tif", "rooms.json",
     "obstacles.json", "floor.csv", "timing.csv", "commands.csv", "innovations.csv", "terrain.npz", "states.csv",
     "status.csv", "odometry.csv", "sightings.csv", "smoothed.txt", "smoothed_covariance.csv", "views.json", "mesh.ply",
     "graph.g2o", "layers.npz", "panorama.json", "panorama.npz", "panorama.ply", "panorama_obstacles.png",

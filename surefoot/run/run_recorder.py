@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from mapping.grid.rooms import rooms_of
 from mapping.io import clouds, grid_file, nav2, world_file
 from perception.estimate import Estimate
 from perception.filtering.consistency import Innovation
@@ -35,6 +36,7 @@ from ..results.measurement_log import (
     sighting_rows,
 )
 from ..results.moment import Moment
+from ..results.room_entries import ROOMS, room_entries
 from ..results.row_stream import JsonStream, RowStream
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 from ..results.status_log import StatusLog
@@ -176,6 +178,9 @@ class RunRecorder:
         world = pipeline.world
         nav2.save(folder.root, "map", world.probability, world.known, world.origin, world.cell_m)
         world_file.save(folder.root, world)
+        divided = rooms_of(world)
+        if divided.rooms:
+            folder.write_json(ROOMS, room_entries(divided))
         if pipeline.grid is not None:
             grid_file.save(folder.path("terrain.npz"), pipeline.grid, pipeline.confidence)
         points, colours = pipeline.cloud.cloud()
