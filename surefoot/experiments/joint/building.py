@@ -10,6 +10,10 @@ again in the second. What a frame costs and what the process remembers must then
 - position error and NEES of the pose (x, y, yaw) over all frames. The landmarks are known, as in the flat, so drift ends at
   the next one. The band of the mean NEES counts what is constant in a walk as one sample.
 
+- rooms: of the true rooms of which half was seen, the share that the map shows as one room with an intersection over union
+  of at least a half, the mean of it over the cells that the map shows free, the number of rooms too many, and the root mean
+  square error of the widths of doorways.
+
 Parts of ten minutes are sixths of a shorter walk. The stereo camera is off, which halves the time: the time-of-flight camera
 sees the floor, the colour camera the tags. Source: ours.
 """
@@ -23,8 +27,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+
+from mapping.io import geotiff, world_file
+from sim.scene import Scene
+from sim.scenes import catalogue
 
 from ...config.presets import on_body
 from ...config.schema import Config
@@ -32,7 +41,9 @@ from ...evaluation.evaluate import pose_errors
 from ...evaluation.metrics.consistency import band, consistency_metrics, squared
 from ...evaluation.metrics.contacts import contact_metrics, walk_metrics
 from ...evaluation.metrics.trajectory import trajectory_metrics
-from ...report.plots.style import ESTIMATE, TARGET, WRONG, Drawing, sheet
+from ...report.plots.rooms import rooms
+from ...report.plots.style import ESTIMATE, TARGET, WRONG, Drawing, sheet, styled
+from ...results.room_entries import ROOMS
 from ...results.run_folder import RunFolder
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.long_walk import PARTS, WalkLog, long_walk, read_log
@@ -42,7 +53,14 @@ if TYPE_CHECKING:
 
 MINUTES = 60.0
 SETTLED = 3  # number, from 0, of the ten minutes that follow the first tour
+NEAR_DOOR_M = 0.3  # ours: a doorway this near to a true one is that
 WINDOW = 200  # cycles of a point of the curves; a minute
+
+LEAST = (
+    "minutes", "path_m", "goals_reached", "anees_low", "anees_in_band", "rooms_seen", "rooms_found_share", "room_iou",
+    "doors_found",
+)  # fmt: skip
+"""Figures of which the least of all walks is the worst."""
 
 Figures = dict[str, float]
 
@@ -69,8 +87,8 @@ def config_of(seed: int, body: str, minutes: float) -> Config:
     return replace(config, mission=mission, robot=replace(config.robot, stereo=False))
 
 
-def judge(folder: RunFolder) -> tuple[Figures, Walked]:
-    """Figures of a walk that `long_walk` wrote, and what is drawn of it."""
+def judge(folder: RunFolder, scene: Scene) -> tuple[Figures, Walked]:
+    """Figures of a walk through a scene that `long_walk` wrote, and what is drawn of it."""
     log = read_log(folder)
     estimate = folder.read_trajectory("trajectory.txt")
     true = folder.read_trajectory("truth/trajectory.txt")
@@ -89,7 +107,7 @@ def judge(folder: RunFolder) -> tuple[Figures, Walked]:
     goals = (folder.read_json("summary.json") or {}).get("goals_reached") or 0
     first, settled, last = log.part(0), log.part(SETTLED), log.part(-1)
     memory = [float(np.median(log.rss_mb[part])) for part in (first, settled, last)]
-    figures = {
+    figures = room_figures(folder, scene) | {
         "minutes": walk["duration_s"] / 60.0,
         "path_m": walk["path_m"],
         "goals_reached": float(goals),
@@ -113,6 +131,55 @@ def judge(folder: RunFolder) -> tuple[Figures, Walked]:
     return figures, Walked(log, stamps, error_m, squared(whitened))
 
 
+def room_figures(folder: RunFolder, scene: Scene) -> Figures:
+    """Rooms of rooms.json against those of the scene."""
+    found = folder.read_json(ROOMS) or {"rooms": [], "doors": []}
+    layers, origin, cell_m = geotiff.load(folder.path(world_file.LAYERS))
+    occupancy = layers["occupancy"]
+    free, seen = occupancy < 0.5, np.isfinite(occupancy)
+    y, x = (origin[1 - k] + (np.indices(free.shape)[k] + 0.5) * cell_m for k in (0, 1))
+    true = [(x > a) & (x < c) & (y > b) & (y < d) for a, b, c, d in scene.rooms]
+    inside = np.any(true, axis=0) & free
+    mine = [
+        _filled(room["outline_m"], origin, cell_m, free.shape) & inside for room in found["rooms"]
+    ]
+    best = [
+        max((_iou(one & free, other) for other in mine), default=0.0)
+        for one in true
+        if seen[one].mean() >= 0.5
+    ]
+    widths = []
+    for door in found["doors"]:
+        near = min(scene.doorways, key=lambda one: math.dist(one[:2], door["centre_m"]))
+        if math.dist(near[:2], door["centre_m"]) < NEAR_DOOR_M:
+            widths.append(door["width_m"] - near[2])
+    return {
+        "rooms_seen": float(len(best)),
+        "rooms_found_share": float(np.mean(np.array(best) >= 0.5)) if best else math.nan,
+        "rooms_too_many": float(len(mine) - len(best)),
+        "room_iou": float(np.mean(best)) if best else math.nan,
+        "doors_found": float(len(widths)),
+        "door_width_rmse_m": float(np.sqrt(np.mean(np.square(widths)))) if widths else math.nan,
+    }
+
+
+def _filled(
+    outline: list[list[float]],
+    origin: Float[np.ndarray, "2"],
+    cell_m: float,
+    shape: tuple[int, ...],
+) -> Bool[np.ndarray, "rows columns"]:
+    """The cells within an outline."""
+    corners = np.rint((np.array(outline) - origin) / cell_m - 0.5).astype(np.int32)
+    drawn = np.zeros(shape, np.uint8)
+    cv2.fillPoly(drawn, [corners], 1)
+    return drawn > 0
+
+
+def _iou(one: Bool[np.ndarray, "rows columns"], other: Bool[np.ndarray, "rows columns"]) -> float:
+    return float((one & other).sum() / max((one | other).sum(), 1))
+
+
 def _p99(values: Float[np.ndarray, "n"]) -> float:
     return float(np.percentile(values, 99)) if len(values) else math.nan
 
@@ -127,12 +194,26 @@ def run(seeds: int, say: Say, body: str = "kinematic", minutes: float = MINUTES)
         minutes: Length of a walk.
     """
     found: list[tuple[Figures, Walked]] = []
+    drawn: list[Drawing] = []
     for seed in range(seeds):
         with tempfile.TemporaryDirectory() as place:
             out = Path(place) / "walk"
             config = config_of(seed, body, minutes)
-            found.append(judge(long_walk(config, out, partial(_say_of, say, seed))))
-    return outcome(found)
+            folder = long_walk(config, out, partial(_say_of, say, seed))
+            found.append(judge(folder, catalogue.load("building", seed)))
+            if seed == 0:
+                drawn = picture_of(folder)
+    result = outcome(found)
+    return replace(result, drawings=[*result.drawings, *drawn])
+
+
+def picture_of(folder: RunFolder) -> list[Drawing]:
+    """The map of a walk with its rooms, drawn at once: the folder is temporary; empty without rooms."""
+    with styled():
+        drawn = rooms(folder)
+    if drawn is None:
+        return []
+    return [Drawing("rooms", drawn.sentence, lambda: drawn.figure)]
 
 
 def _say_of(say: Say, seed: int, text: str) -> None:
@@ -142,7 +223,7 @@ def _say_of(say: Say, seed: int, text: str) -> None:
 def outcome(found: list[tuple[Figures, Walked]]) -> Outcome:
     """The worst of all walks, a table of their parts, and the pictures of the first."""
     figures = {name: max(one[name] for one, _ in found) for name in found[0][0]}
-    for name in ("minutes", "path_m", "goals_reached", "anees_low", "anees_in_band"):
+    for name in LEAST:
         figures[name] = min(one[name] for one, _ in found)
     figures["anees_pose"] = max(
         (one["anees_pose"] for one, _ in found), key=lambda value: abs(math.log(value / 3.0))
@@ -218,5 +299,7 @@ EXPERIMENT = Experiment(
         "rss_growth_mb": Target("<=", 20.0),
         "position_rmse_m": Target("<=", 0.05),
         "anees_in_band": Target("==", 1.0),
+        "rooms_found_share": Target(">=", 0.9),
+        "room_iou": Target(">=", 0.8),
     },
 )
