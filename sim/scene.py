@@ -167,6 +167,8 @@ class Scene:
         start: Start pose of the robot.
         goals: Goals in order, m.
         floor_albedo: Infrared reflectance of the floor.
+        rooms: Floors of the rooms between their walls; none where a scene is not divided.
+        doorways: Openings between rooms: (x, y) of the middle and width, m.
     """
 
     name: str
@@ -179,6 +181,8 @@ class Scene:
     start: Pose2
     goals: tuple[tuple[float, float], ...]
     floor_albedo: float = 0.5
+    rooms: tuple[Extent, ...] = ()
+    doorways: tuple[tuple[float, float, float], ...] = ()
 
     @property
     def static_shapes(self) -> list[tuple[str, Shape]]:

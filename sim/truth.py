@@ -33,6 +33,11 @@ class Truth:
         self._robot = robot
         self._world = robot.world
         self._scene = robot.world.scene
+        self._still = [
+            (FIRST_STATIC_ID + k, x, y, 0.0, 0.0, radius, max(part.top_m for part in item.parts))
+            for k, item in enumerate(self._scene.obstacles)
+            for x, y, radius in [_circle(item)]
+        ]
 
     def robot_pose(self) -> Pose2:
         """True body frame in the world."""
@@ -67,11 +72,7 @@ class Truth:
         states = zip(self._scene.moving_objects, self._world.moving_states(), strict=True)
         for k, (one, (x, y, vx, vy)) in enumerate(states):
             found.append((k + 1, x, y, vx, vy, one.radius_m, one.height_m))
-        for k, item in enumerate(self._scene.obstacles):
-            x, y, radius = _circle(item)
-            height = max(part.top_m for part in item.parts)
-            found.append((FIRST_STATIC_ID + k, x, y, 0.0, 0.0, radius, height))
-        return found
+        return found + self._still
 
     def names(self) -> list[str]:
         """Names of the obstacles, in the order of `obstacles`."""

@@ -10,7 +10,8 @@ Doubts of a look: depth noise carries points into the next cell (`_look_kernels.
 points of a frame, which blurs its verdicts (`blurred`). Doubt of the threshold: the surface of a cell has a height
 with a variance, and may be lower or higher than the lowest obstacle.
 
-The corners of the cells are multiples of the cell size in the world frame, so that maps of several runs align.
+The corners of the cells are multiples of the cell size in the world frame, so that maps of several runs align. Cells
+are kept in tiles: memory grows with the area that was seen, and the time of a frame depends on its own view alone.
 
 Source: ours; beta-binomial after Skellam 1948; observations of seed 003, section 3.
 """
@@ -35,10 +36,26 @@ from ._look_kernels import LookRule, Shares
 from .egocentric_grid import LOWEST_OBSTACLE_M
 from .evidence import MOVING_LOG_ODDS, OBSTACLE_POINTS, age, mark_moving, probability_of
 from .heights import GATE_SIGMAS, floor_form, pose_form
+from .tiles import Key, Tiles
 
 GROWTH = 64  # cells by which the map grows at least, so that it rarely does
 SHARES = Shares(1.9, 0.17, 0.036, 0.35)
 """Ours: the most likely ones for four simulated walks (home, seeds 100 to 103) with their true maps."""
+LOOKS = ("looks", "hits", "log_odds", "updated_s", "moving")
+FRAMES = ("floor_frames", "obstacle_frames")
+HEIGHTS = ("height_m", "variance_m2", "raised")
+EMPTY: dict[str, np.generic] = {
+    "looks": np.float32(0.0),
+    "hits": np.float32(0.0),
+    "log_odds": np.float32(np.inf),
+    "updated_s": np.float64(0.0),
+    "moving": np.bool_(False),
+    "floor_frames": np.int32(0),
+    "obstacle_frames": np.int32(0),
+    "height_m": np.float32(np.nan),
+    "variance_m2": np.float32(np.nan),
+    "raised": np.bool_(False),  # the height is that of an obstacle
+}
 HIGHEST_M = 0.5  # ours: what is higher does not block a small robot
 RULE = LookRule(
     OBSTACLE_POINTS,
@@ -87,16 +104,9 @@ class WorldMap:
         self.config = config or WorldMapConfig()
         self.dropped = 0  # points beyond the largest extent
         self._first = np.zeros(2, np.int64)  # lattice cell (x, y) of cell [0, 0]
-        self._looks = np.zeros((0, 0), np.float32)
-        self._hits = np.zeros((0, 0), np.float32)
-        self._floor_frames = np.zeros((0, 0), np.int32)
-        self._obstacle_frames = np.zeros((0, 0), np.int32)
-        self._log_odds = np.zeros((0, 0), np.float32)
-        self._updated_s = np.zeros((0, 0))
-        self._moving = np.zeros((0, 0), np.bool_)
-        self._height_m = np.zeros((0, 0), np.float32)
-        self._variance_m2 = np.zeros((0, 0), np.float32)
-        self._raised = np.zeros((0, 0), np.bool_)  # the height is that of an obstacle
+        self._shape = (0, 0)
+        self._tiles = Tiles(EMPTY)
+        self._restless: set[Key] = set()  # tiles that ageing may change
         self._latest_s = -np.inf
 
     @property
@@ -115,15 +125,17 @@ class WorldMap:
 
         Either the looks show one, or the surface that they take for the floor is that of a low obstacle.
         """
-        shown = np.where(self.known, probability_of(self._log_odds), np.float32(0.5))
-        low = np.where(self._raised, np.nan, self._height_m)
-        missed = np.nan_to_num(low_obstacle(low, self._variance_m2))
+        layers = self._layers("log_odds", *HEIGHTS)
+        known = np.isfinite(layers["log_odds"])
+        shown = np.where(known, probability_of(layers["log_odds"]), np.float32(0.5))
+        low = np.where(layers["raised"], np.nan, layers["height_m"])
+        missed = np.nan_to_num(low_obstacle(low, layers["variance_m2"]))
         return np.asarray(1.0 - (1.0 - shown) * (1.0 - missed), np.float32)
 
     @property
     def known(self) -> Bool[np.ndarray, "rows columns"]:
         """Whether the cell was ever seen and is not forgotten."""
-        return np.isfinite(self._log_odds)
+        return np.isfinite(self._layers("log_odds")["log_odds"])
 
     @property
     def stay(self) -> Float[np.ndarray, "rows columns"]:
@@ -131,13 +143,13 @@ class WorldMap:
 
         Of an obstacle that stood there all the time it is high: the frames that see the floor before it see it too.
         """
-        frames = self._obstacle_frames + self._floor_frames
-        return np.asarray(self._obstacle_frames / np.maximum(frames, 1))
+        floor, obstacle = self._layers(*FRAMES).values()
+        return np.asarray(obstacle / np.maximum(obstacle + floor, 1))
 
     @property
     def updated_s(self) -> Float[np.ndarray, "rows columns"]:
         """Time of the cell's last update, s; 0 where never seen."""
-        return self._updated_s.copy()
+        return self._layers("updated_s")["updated_s"]
 
     @property
     def height_m(self) -> Float32[np.ndarray, "rows columns"]:
@@ -145,12 +157,12 @@ class WorldMap:
 
         The surface is the floor where the looks show none, the obstacle elsewhere.
         """
-        return np.where(self.known, self._height_m, np.float32(np.nan))
+        return np.where(self.known, self._layers("height_m")["height_m"], np.float32(np.nan))
 
     @property
     def height_variance_m2(self) -> Float32[np.ndarray, "rows columns"]:
         """Variance of `height_m`, m^2; NaN where not measured."""
-        return np.where(self.known, self._variance_m2, np.float32(np.nan))
+        return np.where(self.known, self._layers("variance_m2")["variance_m2"], np.float32(np.nan))
 
     def to_open3d(self) -> dict[str, Any]:
         """The layers as tensors of Open3D, see `open3d_objects.layers`; `height_mesh` there draws them."""
@@ -217,12 +229,16 @@ class WorldMap:
         )
         counts = tally[:-1].reshape(3, rows, columns)
         x, y = (float(v) for v in low * self.cell_m)
-        column, row = (int(v) for v in low - self._first)
-        place = _terrain_kernels.Placement(row, column, x, y, self.cell_m)
+        place = _terrain_kernels.Placement(0, 0, x, y, self.cell_m)
         verdicts, weights = np.empty((2, rows, columns), np.float32)
         _look_kernels.judge(counts, sums, place, camera.astype(np.float64), RULE, verdicts, weights)
-        layers = self._looks, self._hits, self._log_odds, self._updated_s, self._moving
-        frames = self._floor_frames, self._obstacle_frames
+        self._restless.update(self._tiles.keys_in(low, (rows, columns), make=True))
+        cells = self._tiles.read(low, (rows, columns))
+        looks, hits, log_odds, updated_s, moving = (cells[name] for name in LOOKS)
+        layers, frames = (
+            (looks, hits, log_odds, updated_s, moving),
+            (cells[FRAMES[0]], cells[FRAMES[1]]),
+        )
         moved = pose_form(pose)
         _look_kernels.fold_looks(
             counts, verdicts, weights, layers, frames, place, moved, stamp_s, RULE, SHARES
@@ -230,10 +246,8 @@ class WorldMap:
         _terrain_kernels.fuse_heights(
             counts,
             sums,
-            self._log_odds,
-            self._height_m,
-            self._variance_m2,
-            self._raised,
+            log_odds,
+            *(cells[name] for name in HEIGHTS),
             place,
             floor_form(floor),
             moved,
@@ -241,31 +255,41 @@ class WorldMap:
                 True, OBSTACLE_POINTS, self.config.height_sigma_m**2, GATE_SIGMAS**2
             ),
         )
+        self._tiles.write(low, cells)
         self._latest_s = stamp_s
 
     def mark_moving(
         self, centres: Float[np.ndarray, "k 2"], radii_m: Float[np.ndarray, "k"]
     ) -> None:
         """Reclassify the obstacles in these discs as moving; world frame, m (see `EgocentricGrid`)."""
-        shape = self._log_odds.shape
         for centre, radius_m in zip(centres, radii_m, strict=True):
             corners = self.cell_of(np.array([centre - radius_m, centre + radius_m + self.cell_m]))
-            (row, column), (end, edge) = np.clip(corners, 0, shape).tolist()
+            (row, column), (end, edge) = np.clip(corners, 0, self._shape).tolist()
+            low, shape = np.add(self._first, [column, row]), (end - row, edge - column)
             y, x = self.cell_m * (self._first[::-1] + 0.5 + [row, column])
-            along, up = (self.cell_m * np.arange(n) for n in (edge - column, end - row))
+            along, up = (self.cell_m * np.arange(n) for n in (shape[1], shape[0]))
             near = np.hypot(x + along - centre[0], (y + up - centre[1])[:, None]) <= radius_m
-            part = np.s_[row:end, column:edge]
-            mark_moving(self._log_odds[part], self._moving[part], near)
-            for layer in (self._looks, self._hits):
-                layer[part][self._moving[part]] = 0.0
+            part = self._tiles.read(low, shape, ("log_odds", "moving", "looks", "hits"))
+            mark_moving(part["log_odds"], part["moving"], near)
+            for name in ("looks", "hits"):
+                part[name][part["moving"]] = 0.0
+            self._tiles.write(low, part)
+            self._restless.update(self._tiles.keys_in(low, shape))
 
     def age(self, seconds: float) -> None:
         """Fade moving obstacles that the latest frame did not see; seconds since the last call."""
-        away = self._updated_s < self._latest_s
-        age(self._log_odds, self._moving, away, seconds)
-        forgotten = np.isinf(self._log_odds)
-        self._updated_s[forgotten] = 0.0
-        self._height_m[forgotten] = self._variance_m2[forgotten] = np.nan
+        for key in sorted(self._restless):
+            tile = self._tiles[key]
+            age(tile["log_odds"], tile["moving"], tile["updated_s"] < self._latest_s, seconds)
+            forgotten = np.isinf(tile["log_odds"])
+            tile["updated_s"][forgotten] = 0.0
+            tile["height_m"][forgotten] = tile["variance_m2"][forgotten] = np.nan
+            if not tile["moving"].any():
+                self._restless.remove(key)
+
+    def _layers(self, *names: str) -> dict[str, np.ndarray]:
+        """Copies of some layers of the whole map."""
+        return self._tiles.read(self._first, self._shape, names)
 
     def _make_room(
         self, points: Float[np.ndarray, "n 3"]
@@ -282,7 +306,7 @@ class WorldMap:
         low, high = bounds[:2], bounds[2:]
         if not self._fits(low, high):
             cells = np.floor(points[np.isfinite(points).all(axis=1), :2] * per_m)
-            middle = self._middle() if self._log_odds.size else np.median(cells, axis=0)
+            middle = self._middle() if self._shape[0] else np.median(cells, axis=0)
             reach = (int(self.config.most_cells**0.5) - 2 * GROWTH) // 2
             near = (np.abs(cells - middle) <= reach).all(axis=1)
             self.dropped += int((~near).sum())
@@ -294,29 +318,24 @@ class WorldMap:
         return first, last
 
     def _middle(self) -> Float[np.ndarray, "2"]:
-        return np.floor(self._first + np.array(self._log_odds.shape[::-1]) / 2)
+        return np.floor(self._first + np.array(self._shape[::-1]) / 2)
 
     def _fits(self, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> bool:
-        if self._log_odds.size:
+        if self._shape[0]:
             low = np.minimum(low, self._first)
-            high = np.maximum(high, self._first + np.array(self._log_odds.shape[::-1]) - 1)
+            high = np.maximum(high, self._first + np.array(self._shape[::-1]) - 1)
         return float(np.prod(high - low + 1 + 2 * GROWTH)) <= self.config.most_cells
 
     def _grow(self, low: Int[np.ndarray, "2"], high: Int[np.ndarray, "2"]) -> None:
-        if not self._log_odds.size:
+        if not self._shape[0]:
             self._first = low.copy()
-        size = np.array(self._log_odds.shape[::-1])
+        size = np.array(self._shape[::-1])
         before = np.maximum(self._first - low, 0)
         after = np.maximum(high + 1 - (self._first + size), 0)
         if not (before.any() or after.any()):
             return
         before = np.where(before > 0, np.maximum(before, GROWTH), 0)
         after = np.where(after > 0, np.maximum(after, GROWTH), 0)
-        around = ((before[1], after[1]), (before[0], after[0]))
         self._first = self._first - before
-        self._log_odds = np.pad(self._log_odds, around, constant_values=np.inf)
-        frames = ("_floor_frames", "_obstacle_frames")
-        for name in (*frames, "_looks", "_hits", "_updated_s", "_moving", "_raised"):
-            setattr(self, name, np.pad(getattr(self, name), around))
-        for name in ("_height_m", "_variance_m2"):
-            setattr(self, name, np.pad(getattr(self, name), around, constant_values=np.nan))
+        columns, rows = (int(v) for v in size + before + after)
+        self._shape = (rows, columns)

@@ -100,3 +100,52 @@ def add_to_voxels(
             last[voxel] = call
             calls[voxel] += 1
     return points.shape[0], used
+
+
+@njit(cache=True)
+def thin(
+    voxel_m: float,
+    used: int,
+    keys: np.ndarray,
+    table: np.ndarray,
+    sums: np.ndarray,
+    counts: np.ndarray,
+    calls: np.ndarray,
+    last: np.ndarray,
+) -> int:
+    """Join the voxels whose mean points share a larger voxel, in place and in the order of their first hits.
+
+    A joint voxel is never behind the first of its parts, so nothing is overwritten that is still to be read.
+
+    Args:
+        voxel_m: Side of the larger voxels, m.
+        used: Voxels in use.
+        keys, table, sums, counts, calls, last: As in `add_to_voxels`; changed.
+
+    Returns:
+        Voxels in use afterwards.
+    """
+    table[:] = -1
+    joined = 0
+    for voxel in range(used):
+        key = np.int64(0)
+        for axis in range(3):
+            cell = np.floor(sums[voxel, axis] / counts[voxel] / voxel_m)
+            key = (key << 21) | (np.int64(cell) + REACH)
+        slot = _slot_of(key, table, keys)
+        into = table[slot]
+        if into < 0:
+            into = joined
+            joined += 1
+            table[slot] = into
+            keys[into] = key
+            if into != voxel:
+                sums[into] = sums[voxel]
+                counts[into], calls[into], last[into] = counts[voxel], calls[voxel], last[voxel]
+            continue
+        for column in range(sums.shape[1]):
+            sums[into, column] += sums[voxel, column]
+        counts[into] += counts[voxel]
+        calls[into] = max(calls[into], calls[voxel])
+        last[into] = max(last[into], last[voxel])
+    return joined

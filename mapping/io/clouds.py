@@ -1,6 +1,6 @@
 """The coloured cloud of a run: the mean point and colour of each voxel.
 
-Memory is bounded: when the number of voxels reaches its limit, their size doubles and the cloud is thinned.
+Memory is bounded: when the number of voxels reaches its limit, their size doubles and the cloud is thinned in place.
 Only writing PLY files needs Open3D.
 """
 
@@ -149,10 +149,10 @@ class CloudBuilder:
 
     def _make_room(self) -> None:
         """Double the number of voxels; at the limit, double their size instead."""
-        used, old = self._used, (self._keys, self._sums, self._counts, self._hits, self._last)
-        capacity = min(2 * len(self._keys), self.config.most_voxels)
-        self._allocate(capacity)
+        used, capacity = self._used, min(2 * len(self._keys), self.config.most_voxels)
         if capacity > used:
+            old = (self._keys, self._sums, self._counts, self._hits, self._last)
+            self._allocate(capacity)
             new = (self._keys, self._sums, self._counts, self._hits, self._last)
             for target, source in zip(new, old, strict=True):
                 target[:used] = source[:used]
@@ -160,19 +160,16 @@ class CloudBuilder:
             return
         self.voxel_m *= 2
         logger.warning("cloud: %d voxels in use, thinned to %g m", used, self.voxel_m)
-        _, sums, counts, hits, last = old
-        cells = np.floor(sums[:used, :3] / counts[:used, np.newaxis] / self.voxel_m)
-        _, first, group = np.unique(cells, axis=0, return_index=True, return_inverse=True)
-        order = np.argsort(np.argsort(first))  # groups in the order in which they were first hit
-        group = order[group.reshape(-1)]
-        self._used = len(first)
-        x, y, z = (cells[np.sort(first)].astype(np.int64) + _voxel_kernels.REACH).T
-        self._keys[: self._used] = (x << 42) | (y << 21) | z
-        np.add.at(self._sums, group, sums[:used])
-        np.add.at(self._counts, group, counts[:used])
-        np.maximum.at(self._hits, group, hits[:used])
-        np.maximum.at(self._last, group, last[:used])
-        _voxel_kernels.rebuild_table(self._keys, self._used, self._table)
+        self._used = _voxel_kernels.thin(
+            self.voxel_m,
+            used,
+            self._keys,
+            self._table,
+            self._sums,
+            self._counts,
+            self._hits,
+            self._last,
+        )
 
 
 def save_ply(

@@ -32,6 +32,7 @@ from . import tag_edges
 CAMERA_HEIGHT_SIGMA_M = 0.003  # walking trials: 0.3 mm of stride, and the tag's own height
 REPROJECTION_PX = 0.7  # ours: a larger error is no flat square, or another lens
 HEIGHT_GATE_SIGMA = 4.0  # ours: a tag this far from its height is another one or misread
+SMALL = 50  # tags of DICT_4X4_50
 FARTHEST_M = 8.0  # ours: beyond, a printed tag is too small in every camera of the robot
 
 
@@ -94,7 +95,8 @@ def detect(
             "give it, or leave landmarks out"
         )
     known = {mark.identity: mark for mark in landmarks}
-    found = find_corners(view.rgb)
+    many = max(known, default=0) >= SMALL
+    found = find_corners(view.rgb, many)
     identities = [identity for identity, _ in found]
     sightings, misplaced = [], 0
     for identity, corners in sorted(found, key=lambda pair: pair[0]):
@@ -112,12 +114,19 @@ def detect(
     return Look(sightings, misplaced)
 
 
-def find_corners(rgb: UInt8[np.ndarray, "h w 3"]) -> list[tuple[int, Float[np.ndarray, "4 2"]]]:
-    """Fully visible tags of DICT_4X4_50: identity and corners (u, v) in px, clockwise from the upper left."""
+def find_corners(
+    rgb: UInt8[np.ndarray, "h w 3"], many: bool = False
+) -> list[tuple[int, Float[np.ndarray, "4 2"]]]:
+    """Fully visible tags: identity and corners (u, v) in px, clockwise from the upper left.
+
+    Args:
+        rgb: The image.
+        many: Tags of DICT_4X4_250, which begins with those of DICT_4X4_50; else of the latter, which confuse less.
+    """
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    detector = cv2.aruco.ArucoDetector(_dictionary(), parameters)
+    detector = cv2.aruco.ArucoDetector(_dictionary(many), parameters)
     corners, identities, _ = detector.detectMarkers(grey)
     if identities is None:
         return []
@@ -131,14 +140,15 @@ def find_corners(rgb: UInt8[np.ndarray, "h w 3"]) -> list[tuple[int, Float[np.nd
     return found
 
 
-def _dictionary() -> cv2.aruco.Dictionary:
-    return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+def _dictionary(many: bool) -> cv2.aruco.Dictionary:
+    name = cv2.aruco.DICT_4X4_250 if many else cv2.aruco.DICT_4X4_50
+    return cv2.aruco.getPredefinedDictionary(name)
 
 
 @functools.cache
 def _templates(identity: int) -> Float[np.ndarray, "p p 17"]:
     return tag_edges.occluded_templates(
-        _dictionary().generateImageMarker(identity, tag_edges.CELLS)
+        _dictionary(True).generateImageMarker(identity, tag_edges.CELLS)
     )
 
 

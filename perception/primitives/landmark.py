@@ -13,7 +13,7 @@ class Landmark:
     """A fiducial tag on a wall or a piece of furniture.
 
     Args:
-        identity: Number printed on the tag (OpenCV dictionary DICT_4X4_50).
+        identity: Number printed on the tag (OpenCV dictionary DICT_4X4_250).
         position: Centre of the tag, world frame, m.
         side_m: Side of the black square.
     """

@@ -23,6 +23,9 @@ FLOOR_RESOLUTION_M = 0.0016  # ours: a stereo pixel at 0.9 m; finer costs start-
 SURFACE_RESOLUTION_M = 0.002  # ours
 WALL_RESOLUTION_M = 0.0025  # ours
 MOST_PX = 26e6  # ours: 8 x 8 m of floor, 75 MB; larger surfaces get a coarser texture
+MOST_SCENE_PX = (
+    60e6  # ours: of all but floor and tags, 2 GB in a renderer; a larger scene gets coarser ones
+)
 MOST_SIDE_PX = 8000  # ours: every renderer accepts such a texture
 _LIGHT = np.array([0.35, -0.25, 0.90]) / math.hypot(0.35, 0.25, 0.90)  # ours
 _WIDTH_UNIT = 4  # EGL shears textures whose rows are no multiple of 4 px
@@ -32,6 +35,7 @@ _BORDER_PX = 8  # ours: each patch repeats its edge, so that mipmaps do not mix 
 def paint_scene(scene: Scene) -> tuple[list[TexturedMesh], list[TexturedMesh]]:
     """Meshes of the static objects, and of each moving body about its own origin."""
     standing = [part for _, part in scene.static_shapes]
+    coarser = _coarser(scene)
     floor = floor_patch(scene)
     image = _floor_image(scene, standing, np.random.default_rng([scene.seed, 10]))
     still = [TexturedMesh(floor.vertices, floor.triangles, floor.uv, image)]
@@ -39,15 +43,26 @@ def paint_scene(scene: Scene) -> tuple[list[TexturedMesh], list[TexturedMesh]]:
         rng = np.random.default_rng([scene.seed, 11, k])
         surfaces = [p for part in item.parts for p in patches(part) if _is_inside(p, scene.extent)]
         if surfaces:
-            still.append(
-                _paint(surfaces, rng, WALL_RESOLUTION_M if item.wall else SURFACE_RESOLUTION_M)
-            )
+            finest_m = WALL_RESOLUTION_M if item.wall else SURFACE_RESOLUTION_M
+            still.append(_paint(surfaces, rng, coarser * finest_m))
     moving_bodies = []
     for k, (_, parts, _) in enumerate(scene.moving_bodies):
         rng = np.random.default_rng([scene.seed, 12, k])
         surfaces = [p for part in parts for p in patches(part)]
         moving_bodies.append(_paint(surfaces, rng, SURFACE_RESOLUTION_M))
     return still, moving_bodies
+
+
+def _coarser(scene: Scene) -> float:
+    """Factor on the resolution of all static objects that keeps the textures of a large scene within the limit."""
+    pixels = 0.0
+    for item in scene.static_objects:
+        px_m = WALL_RESOLUTION_M if item.wall else SURFACE_RESOLUTION_M
+        for patch in (patch for part in item.parts for patch in patches(part)):
+            if _is_inside(patch, scene.extent) and not patch.material.startswith("tag/"):
+                width, height = patch.size_m
+                pixels += width * height / _limited_resolution(patch.size_m, px_m) ** 2
+    return max(1.0, math.sqrt(pixels / MOST_SCENE_PX))
 
 
 def _is_inside(patch: Patch, extent: Extent) -> bool:

@@ -42,7 +42,8 @@ PALETTE: dict[str, tuple[int, int, int]] = {
     "lime": (150, 190, 60),
 }
 
-TAG_MODULES = 6  # DICT_4X4_50: 4 x 4 bits in a black frame of one module
+TAG_MODULES = 6  # DICT_4X4_250: 4 x 4 bits in a black frame of one module
+MOST_TAGS = 250  # of the dictionary; its first fifty are those of DICT_4X4_50
 TAG_MARGIN_MODULES = 1  # white margin on the plate
 
 
@@ -277,4 +278,4 @@ def _tag(identity: int) -> UInt8[np.ndarray, "h w 3"]:
 
 @cache
 def _dictionary() -> cv2.aruco.Dictionary:
-    return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_250)

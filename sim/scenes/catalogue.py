@@ -12,7 +12,17 @@ from perception.primitives.errors import InputError
 from ..movers.law import MoversConfig
 from ..movers.population import populated
 from ..scene import Scene
-from . import avoidance_scenes, course, flat, home, plain_room, public_places, rooms, seed_rooms
+from . import (
+    avoidance_scenes,
+    building,
+    course,
+    flat,
+    home,
+    plain_room,
+    public_places,
+    rooms,
+    seed_rooms,
+)
 from . import difficulty as difficulties
 from .scene_file import read_scene
 
@@ -62,6 +72,7 @@ def _registry() -> dict[str, Callable[[int, float], Scene]]:
     known: dict[str, Callable[[int, float], Scene]] = {
         "home": home.home,
         "flat": flat.flat,
+        "building": building.building,
         "corridor": rooms.corridor,
         "office": public_places.office,
         "hall": public_places.hall,

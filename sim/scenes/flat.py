@@ -37,13 +37,13 @@ ROOM_DRAWS = 20  # ours
 GOAL_M = 0.32  # ours: clearance at start and goals, for turning
 TAGS = 44  # ours: the dictionary has 50
 
-_NEEDED = {
+NEEDED = {
     "living room": ("sofa", "bookshelf", "armchair", "plant", "coffee table"),
     "kitchen": ("kitchen", "chair", "bin", "sideboard", "chair"),
     "bedroom": ("cupboard", "pouf", "plant", "cartons", "armchair"),
     "study": ("bookshelf", "chair", "cartons", "bin", "pouf"),
 }
-_FLOORS = {"living room": "planks/oak", "kitchen": "tiles/grey", "bedroom": "planks/pine"}
+FLOORS = {"living room": "planks/oak", "kitchen": "tiles/grey", "bedroom": "planks/pine"}
 _RUGS = {"living room": ("rug/teal", "rug/rust"), "bedroom": ("rug/plum", "rug/navy")}
 _APPROACH_M = 0.25  # ours: kept free on both sides of a doorway
 
@@ -124,7 +124,7 @@ def flat(seed: int, difficulty: float = USUAL) -> Scene:
     rng = np.random.default_rng([seed, 42])
     for _ in range(DRAWS):
         plan = _plan(rng, difficulty)
-        names = [str(name) for name in rng.permutation(list(_NEEDED))]
+        names = [str(name) for name in rng.permutation(list(NEEDED))]
         layout = _lay_out(plan, names, rng, difficulty)
         people = None if layout is None else _people(plan, layout, rng, difficulty)
         if layout is None or people is None:
@@ -154,10 +154,10 @@ def _plan(rng: np.random.Generator, difficulty: float) -> _Plan:
     x, west, east = (float(rng.uniform(*ends)) for ends in ((3.3, 3.9), (2.5, 3.1), (2.5, 3.1)))
     low, high = min(west, east) - half, max(west, east) + half
     doorways = (
-        _doorway(x, (y0, low), False, rng, difficulty),
-        _doorway(east, (x + half, x1), True, rng, difficulty),
-        _doorway(x, (high, y1), False, rng, difficulty),
-        _doorway(west, (x0, x - half), True, rng, difficulty),
+        draw_doorway(x, (y0, low), False, rng, difficulty),
+        draw_doorway(east, (x + half, x1), True, rng, difficulty),
+        draw_doorway(x, (high, y1), False, rng, difficulty),
+        draw_doorway(west, (x0, x - half), True, rng, difficulty),
     )
     rooms = (
         (x0, y0, x - half, west - half),
@@ -167,9 +167,9 @@ def _plan(rng: np.random.Generator, difficulty: float) -> _Plan:
     )
     south, right, north, left = doorways
     inner = (
-        *_wall(x, (y0, y1), False, (south, north), "wall/cream"),
-        *_wall(east, (x + half, x1), True, (right,), "wall/sky"),
-        *_wall(west, (x0, x - half), True, (left,), "wall/sage"),
+        *inner_wall(x, (y0, y1), False, (south, north), "wall/cream"),
+        *inner_wall(east, (x + half, x1), True, (right,), "wall/sky"),
+        *inner_wall(west, (x0, x - half), True, (left,), "wall/sage"),
     )
     leaves = (StaticObject("door", (doorway.leaf,), 0.6, wall=True) for doorway in doorways)
     outer = walls(EXTENT, ("wall/sky", "wall/cream", "wall/sage", "wall/white"))
@@ -178,7 +178,7 @@ def _plan(rng: np.random.Generator, difficulty: float) -> _Plan:
     return _Plan(rooms, doorways, building, space)
 
 
-def _doorway(
+def draw_doorway(
     at: float, ends: tuple[float, float], along_x: bool, rng: np.random.Generator, difficulty: float
 ) -> Doorway:
     """A doorway between the ends of a wall, its leaf clear of both corners."""
@@ -196,7 +196,7 @@ def _doorway(
     return Doorway(middle, width, along_x, hinge, side, math.radians(open_deg))
 
 
-def _wall(
+def inner_wall(
     at: float,
     ends: tuple[float, float],
     along_x: bool,
@@ -261,7 +261,7 @@ def _furnish(
         shape for doorway in plan.doorways for shape in (doorway.leaf, doorway.approach)
     )
     wanted = tuple(
-        model_of(kind) for kind in _NEEDED[name][: interpolated_count(difficulty, 2, 4, 5)]
+        model_of(kind) for kind in NEEDED[name][: interpolated_count(difficulty, 2, 4, 5)]
     )
     passage_m = interpolated(difficulty, 0.66, 0.58, 0.50)
     least = interpolated_count(difficulty, 1, 3, 3)
@@ -331,8 +331,8 @@ def _keeps_clear(one: MovingObject, layout: _Layout, others: list[MovingObject])
 def _flooring(plan: _Plan, names: list[str], rng: np.random.Generator) -> tuple[FloorArea, ...]:
     areas = [FloorArea("planks/walnut", EXTENT)]
     for room, name in zip(plan.rooms, names, strict=True):
-        if name in _FLOORS:
-            areas.append(FloorArea(_FLOORS[name], room))
+        if name in FLOORS:
+            areas.append(FloorArea(FLOORS[name], room))
         if name in _RUGS:
             x = float(rng.uniform(room[0] + 0.4, room[2] - 2.0))
             y = float(rng.uniform(room[1] + 0.3, room[3] - 1.4))

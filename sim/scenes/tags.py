@@ -41,6 +41,7 @@ def place_tags(
     start: Pose2,
     count: int,
     others: tuple[Place, ...] = (),
+    first: int = 0,
 ) -> tuple[tuple[StaticObject, ...], tuple[Landmark, ...]]:
     """Tag plates and the corresponding landmarks.
 
@@ -48,8 +49,9 @@ def place_tags(
         extent: Of the floor, m.
         static_objects: Walls and furniture; tags are placed on faces of boxes that are wide and high enough.
         start: Start of the robot; only places reachable from it count.
-        count: Greatest number of tags (the dictionary has 50).
+        count: Greatest number of tags (the dictionary has `textures.MOST_TAGS`).
         others: Further reachable places, behind doorways narrower than the grid of 25 cm resolves.
+        first: Number of the first tag.
     """
     shapes = [part for item in static_objects for part in item.parts]
     space = clearance_map(extent, [s for t in static_objects if not t.wall for s in t.parts], 0.25)
@@ -77,7 +79,7 @@ def place_tags(
         views += seen[:, best]
         open_spots &= np.linalg.norm(centres - centres[best], axis=1) > 1.3 * PLATE_M
     plates, landmarks = [], []
-    for identity, index in enumerate(chosen):
+    for identity, index in enumerate(chosen, first):
         spot = spots[index]
         ahead = np.array([math.cos(spot.normal_rad), math.sin(spot.normal_rad), 0.0])
         x, y, z = (float(v) for v in np.array(spot.centre) + ahead * THICKNESS_M / 2)

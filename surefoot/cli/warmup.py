@@ -130,11 +130,13 @@ def _walkers_by_picture(rng: np.random.Generator) -> str:
 
 def _camera_in_the_hand(rng: np.random.Generator) -> str:
     """Odometry, surface, traversability."""
+    from mapping.io.clouds import CloudBuilder, CloudConfig
     from mapping.surface.traversability import traversability
     from mapping.surface.tsdf import Tsdf
     from perception.depth import structured_light
     from perception.odometry.rgbd_odometry import Odometer
 
+    CloudBuilder(CloudConfig(most_voxels=8)).add(rng.uniform(0.0, 1.0, (50, 3)))
     odometer, surface = Odometer(rng), Tsdf()
     for number in range(3):
         view = frame(0.1 * number, rng).depth

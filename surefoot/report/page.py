@@ -52,6 +52,7 @@ FILES = {
     "map.yaml": "occupancy grid, with map.pgm, for Nav2 / map_server",
     "map_probability.yaml": "occupancy probability of the whole run, with map_probability.png, for Nav2 (mode: scale)",
     "map_layers.tif": "occupancy, height and its variance of the whole run (QGIS, GDAL, rasterio)",
+    "rooms.json": "rooms of the whole run with their areas, doorways with their widths",
     "terrain.npz": "terrain map around the robot at the end: probability, height with variance, stamps (NumPy)",
     "cloud.ply": "point cloud of the run (MeshLab, CloudCompare, Open3D)",
     "obstacles.json": "tracks over time with covariances, and footprints of static obstacles",

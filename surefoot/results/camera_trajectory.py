@@ -21,6 +21,7 @@ from perception.odometry.view_errors import view_error_covariances
 from perception.primitives.pose import Pose3
 from perception.smoothing.factors import turned_covariance
 
+from .formats import TUM_HEADER
 from .gauge import without_gauge
 from .run_folder import SPACE_HEADER, RunFolder
 from .trajectory_uncertainty import SPACE
@@ -87,7 +88,7 @@ def write_poses(folder: RunFolder, name: str, poses: Iterable[tuple[float, Pose3
         name: File name.
         poses: Stamp in s and pose, in m, of each.
     """
-    lines = ["# stamp tx ty tz qx qy qz qw\n"]
+    lines = [f"{TUM_HEADER}\n"]
     for stamp, pose in poses:
         numbers = (stamp, *pose.translation, *pose.quat_xyzw)
         lines.append(" ".join(repr(float(number)) for number in numbers) + "\n")

@@ -15,6 +15,8 @@ from perception.primitives.safe_input import UnreadableError
 
 from . import run_json
 
+TUM_HEADER = "# stamp tx ty tz qx qy qz qw"
+
 
 def cell(value: object) -> str:
     """A value as a CSV cell; floats are written without loss, None and NaN as an empty cell."""

@@ -1,7 +1,8 @@
 """Ground truth of a simulated run, written to truth/ in the run folder; only the evaluation reads it.
 
 This is the only file of the application that imports `sim.truth`. It records each frame after its sensors
-are rendered and before the planner decides; neither the pipeline nor a planner has access to it.
+are rendered and before the planner decides; neither the pipeline nor a planner has access to it. Rows
+go to disk at once, so that memory does not grow with the length of a run.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from scipy.spatial import ConvexHull
 
 from mapping.io.nav2 import save as save_map
 
+from .row_stream import PoseStream, RowStream
 from .run_folder import RunFolder
 
 if TYPE_CHECKING:
@@ -29,26 +31,44 @@ REACH_M = 3.0  # range up to which a depth camera sees a side
 SAMPLES = 5  # a cell is occupied if an object covers any of its 5 x 5 sample points
 
 
-class TruthLog:
-    """Collects the ground truth of every frame."""
+OBSTACLES = (
+    "stamp_s",
+    "identity",
+    "x_m",
+    "y_m",
+    "vx_mps",
+    "vy_mps",
+    "radius_m",
+    "height_m",
+    "name",
+)
+FLOOR = ("stamp_s", "camera", "nx", "ny", "nz", "height_m")
 
-    def __init__(self, robot: SimulatedRobot, scene: Scene) -> None:
+
+class TruthLog:
+    """Writes the ground truth of every frame."""
+
+    def __init__(self, robot: SimulatedRobot, scene: Scene, folder: RunFolder) -> None:
         from sim.truth import Truth
 
+        self._folder = folder
         self._truth = Truth(robot)
         self._scene = scene
-        self._poses: list[tuple[float, float, float, float]] = []
-        self._obstacles: list[tuple[object, ...]] = []
-        self._floors: list[tuple[object, ...]] = []
-        self._faults: list[tuple[float, str]] = []
-        self._clearances: list[tuple[object, ...]] = []
+        self._poses = PoseStream(folder, "truth/trajectory.txt")
+        self._obstacles = RowStream(folder, "truth/obstacles.csv", OBSTACLES)
+        self._floors = RowStream(folder, "truth/floor.csv", FLOOR)
+        self._faults = RowStream(folder, "truth/faults.csv", ("stamp_s", "fault"))
+        self._clearances = RowStream(
+            folder, "truth/clearance.csv", ("stamp_s", "clearance_m", "object")
+        )
         self._borders = [_Border(*one) for one in self._truth.outlines()]
 
     def note(self, stamp_s: float, faults: Sequence[str] = ()) -> None:
         """Record the ground truth of this frame, and the faults that were put into it."""
-        self._faults += [(stamp_s, name) for name in faults]
+        for fault in faults:
+            self._faults.append((stamp_s, fault))
         pose = self._truth.robot_pose()
-        self._poses.append((stamp_s, pose.x, pose.y, pose.yaw))
+        self._poses.append((stamp_s, pose.x, pose.y, 0.0, pose.yaw))
         for obstacle, name in zip(self._truth.obstacles(), self._truth.names(), strict=True):
             self._obstacles.append((stamp_s, *obstacle, name))
         for camera in self._truth.cameras():
@@ -66,36 +86,12 @@ class TruthLog:
         clearance, nearest = self._truth.clearance_m()
         self._clearances.append((stamp_s, clearance, nearest))
 
-    def write(self, folder: RunFolder) -> None:
-        """Write all tables and the occupancy map to truth/ of the run folder."""
-        folder.write_trajectory(
-            "truth/trajectory.txt", [(s, x, y, 0.0, yaw) for s, x, y, yaw in self._poses]
-        )
-        folder.write_csv(
-            "truth/obstacles.csv",
-            (
-                "stamp_s",
-                "identity",
-                "x_m",
-                "y_m",
-                "vx_mps",
-                "vy_mps",
-                "radius_m",
-                "height_m",
-                "name",
-            ),
-            self._obstacles,
-        )
-        folder.write_csv(
-            "truth/floor.csv",
-            ("stamp_s", "camera", "nx", "ny", "nz", "height_m"),
-            self._floors,
-        )
-        folder.write_csv(
-            "truth/clearance.csv", ("stamp_s", "clearance_m", "object"), self._clearances
-        )
-        if self._faults:
-            folder.write_csv("truth/faults.csv", ("stamp_s", "fault"), self._faults)
+    def finish(self) -> None:
+        """Close all tables, and write the outlines and the occupancy map beside them."""
+        folder = self._folder
+        for table in (self._poses, self._obstacles, self._floors, self._clearances):
+            table.close()
+        self._faults.close(keep_empty=False)
         folder.write_json("truth/outlines.json", [border.entry() for border in self._borders])
         x_min, y_min, x_max, y_max = self._scene.extent
         origin = np.array([x_min, y_min]) - 0.5

@@ -6,18 +6,19 @@ restored stream truncates the file to the row of the checkpoint and continues th
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from mapping.io.atomic_write import PART
 from perception.primitives.errors import InputError
 
-from .formats import cell, plain_json, refuse
+from .formats import TUM_HEADER, cell, plain_json, refuse, tum_line
 from .run_folder import RunFolder
 
 
@@ -29,7 +30,7 @@ class RowStream:
 
         Args:
             folder: Run folder.
-            name: File name.
+            name: File name, also in a folder of the run folder.
             header: Names of the columns.
         """
         self._folder = folder
@@ -65,9 +66,13 @@ class RowStream:
         """Rename the table to its final name; a table without rows is deleted unless keep_empty."""
         self._file.close()
         if self.rows or keep_empty:
+            self._place.parent.mkdir(exist_ok=True)
             os.replace(self._part, self._place)
         else:
             self._part.unlink()
+        if self._part.parent != self._folder.root:
+            with contextlib.suppress(OSError):  # other tables are still open
+                self._part.parent.rmdir()
 
     def __getstate__(self) -> dict[str, Any]:
         self._file.flush()
@@ -84,6 +89,7 @@ class RowStream:
 
     def _open(self, mode: str) -> None:
         try:
+            self._part.parent.mkdir(exist_ok=True)
             self._file = self._part.open(mode)
         except OSError as error:
             refuse(error, self._part)
@@ -93,6 +99,19 @@ class RowStream:
             self._file.write(text.encode())
         except OSError as error:
             refuse(error, self._part)
+
+
+class PoseStream(RowStream):
+    """A trajectory as TUM text, written pose by pose."""
+
+    def __init__(self, folder: RunFolder, name: str) -> None:
+        """Open the temporary file and write the header."""
+        super().__init__(folder, name, (TUM_HEADER,))
+
+    def append(self, row: Sequence[Any]) -> None:
+        """Write one upright pose: stamp in s, x, y, z in m, yaw in rad."""
+        self._put(tum_line(*row))
+        self.rows += 1
 
 
 class JsonStream(RowStream):
@@ -106,6 +125,17 @@ class JsonStream(RowStream):
         """Write one object."""
         self._put(json.dumps(plain_json(row), allow_nan=False) + "\n")
         self.rows += 1
+
+    def drain(self) -> Iterator[Any]:
+        """Close it and return its objects one by one; the file is deleted after the last."""
+        self._file.close()
+        try:
+            with self._part.open("rb") as lines:
+                lines.readline()  # the empty header
+                yield from map(json.loads, lines)
+            self._part.unlink()
+        except OSError as error:
+            refuse(error, self._part)
 
     def close_into(self, key: str, rest: dict[str, Any]) -> None:
         """Write the final file: the list under `key`, followed by the other values."""

@@ -28,7 +28,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.safe_input import UnreadableError
 
 from . import run_json, run_lock
-from .formats import cell, parse_json_lines, plain_json, refuse, tum_line
+from .formats import TUM_HEADER, cell, parse_json_lines, plain_json, refuse, tum_line
 from .tables import Table, Trajectory, read_table, read_tum
 
 MARK = ".surefoot-run"
@@ -48,7 +48,7 @@ SIMULATION, PLAYBACK, MAP, PANORAMA, MONOCULAR, BATCH = (
 _OUTPUTS = (  # files and folders that a repeated run deletes before it starts
     "summary.json", "tables/runs.parquet", "tables", "metrics.json", "report.html", "replay.html", "config.toml", "trajectory.txt",
     "trajectory_covariance.csv", "space_covariance.csv", ERRORS, "errors.csv", "tracking.csv", "map.yaml", "map.pgm", "cloud.ply",
-    "map_probability.yaml", "map_probability.png", "map_layers.tif",
+    "map_probability.yaml", "map_probability.png", "map_layers.tif", "rooms.json",
     "obstacles.json", "floor.csv", "timing.csv", "commands.csv", "innovations.csv", "terrain.npz", "states.csv",
     "status.csv", "odometry.csv", "sightings.csv", "smoothed.txt", "smoothed_covariance.csv", "views.json", "mesh.ply",
     "graph.g2o", "layers.npz", "panorama.json", "panorama.npz", "panorama.ply", "panorama_obstacles.png",
@@ -274,9 +274,7 @@ class RunFolder:
             name: File name.
             poses: (stamp in s, x, y, z in m, yaw in rad) of each pose.
         """
-        return self.write_text(
-            name, "# stamp tx ty tz qx qy qz qw\n" + "".join(tum_line(*pose) for pose in poses)
-        )
+        return self.write_text(name, f"{TUM_HEADER}\n" + "".join(tum_line(*pose) for pose in poses))
 
     def write_planar_trajectory(self) -> None:
         """Convert trajectory_covariance.csv to trajectory.txt (TUM text), line by line."""
@@ -286,7 +284,7 @@ class RunFolder:
                 self.path("trajectory_covariance.csv").open(encoding="utf-8", newline="") as table,
                 part.open("w", encoding="utf-8") as text,
             ):
-                text.write("# stamp tx ty tz qx qy qz qw\n")
+                text.write(f"{TUM_HEADER}\n")
                 for row in csv.DictReader(table):
                     stamp, x, y, yaw = (float(row[name]) for name in COVARIANCE_HEADER[:4])
                     text.write(tum_line(stamp, x, y, 0.0, yaw))

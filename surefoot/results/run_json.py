@@ -96,6 +96,13 @@ SHAPES: dict[str, Any] = {
             "sessions": [int, 2], "kind": str, "probability": float, "before": Maybe(CHANGED), "after": Maybe(CHANGED),
         }],
     },
+    "rooms.json": {
+        "rooms": [{"number": int, "centre_m": POINT, "area_m2": float, "sigma_area_m2": float, "outline_m": [POINT]}],
+        "doors": [
+            {"rooms": [int, 2], "centre_m": POINT, "jambs_m": [POINT, 2], "width_m": float, "sigma_width_m": float}
+        ],
+        "floors": [[int]],
+    },
     "truth/outlines.json": [{"parts_m": [[POINT]], "sides": [{"length_m": float, "seen": float}]}],
 }  # fmt: skip
 

@@ -5,6 +5,7 @@ Runs and studies iterate over it and record what they need. Over a recording the
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -28,12 +29,14 @@ class Cycle:
         world: World model after this frame.
         decision: Commanded footstep and gaze; None between footsteps or without a planner.
         feet: Of the body at this frame; None if unknown.
+        busy_ms: Processor time of perception and decision, which others on the machine hardly change.
     """
 
     frame: Frame
     world: WorldModel
     decision: Decision | None = None
     feet: Feet | None = None
+    busy_ms: float = 0.0
 
 
 def cycles(
@@ -55,6 +58,7 @@ def cycles(
     caution = Caution(robot)
     while (frame := body.read()) is not None:
         feet = body.feet()
+        began_s = time.thread_time()
         world = perception.cycle(frame)
         decision, watch = None, Stopwatch()
         if planner is not None:
@@ -62,10 +66,11 @@ def cycles(
                 planner.observe(world)
                 if frame.footstep_due:
                     decision = caution.apply(planner.decide(world), world)
+        busy_ms = 1e3 * (time.thread_time() - began_s)
         world.estimate.timing_ms.update(watch.milliseconds)
         if decision is not None:
             body.walk(decision.walk)
             body.look(decision.gaze)
-        yield Cycle(frame, world, decision, feet)
+        yield Cycle(frame, world, decision, feet, busy_ms)
         if planner is not None and planner.finished(world):
             break

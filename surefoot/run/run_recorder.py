@@ -1,12 +1,10 @@
 """The run recorder: writes the tables and pictures of a run, and its maps at the end.
 
-Tables are written row by row, so that memory does not grow with the length of a run, except for the timing (eight bytes
-per stage and frame).
+Tables are written row by row, so that memory does not grow with the length of a run.
 """
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -15,6 +13,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from mapping.grid.rooms import rooms_of
 from mapping.io import clouds, grid_file, nav2, world_file
 from perception.estimate import Estimate
 from perception.filtering.consistency import Innovation
@@ -37,9 +36,11 @@ from ..results.measurement_log import (
     sighting_rows,
 )
 from ..results.moment import Moment
+from ..results.room_entries import ROOMS, room_entries
 from ..results.row_stream import JsonStream, RowStream
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 from ..results.status_log import StatusLog
+from ..results.timing_log import TimingLog
 from ..results.version import commit, version
 from .loop import Cycle
 from .moment_recorder import MomentRecorder
@@ -77,8 +78,6 @@ class RunRecorder:
         self._first_s = self._last_s = 0.0
         self._farthest_m = 0.0
         self._floor_seen = 0
-        self._times = array("d")
-        self._stages: dict[str, array[float]] = {}
         self._views: list[dict[str, Any]] = []
         self._landmarks = {"accepted": 0, "rejected": 0}
         self._poses = RowStream(folder, "trajectory_covariance.csv", COVARIANCE_HEADER)
@@ -88,6 +87,7 @@ class RunRecorder:
         self._odometry = RowStream(folder, ODOMETRY, ODOMETRY_HEADER)
         self._sightings = RowStream(folder, SIGHTINGS, SIGHTINGS_HEADER)
         self._status = StatusLog(folder)
+        self._timing = TimingLog(folder)
         self._tracks = JsonStream(folder, "obstacles.json")
         self._moments = MomentRecorder(folder, config, info.start is not None)
         folder.write_text("config.toml", toml.dumps(config))
@@ -105,7 +105,7 @@ class RunRecorder:
         self._first_s = stamp if self.frames == 0 else self._first_s
         self._last_s = stamp
         self.frames += 1
-        self._note_times(stamp, estimate.timing_ms)
+        self._timing.note(stamp, estimate.timing_ms)
         self._odometry.append(odometry_row(stamp, frame))
         for row in sighting_rows(stamp, estimate.sightings):
             self._sightings.append(row)
@@ -178,6 +178,9 @@ class RunRecorder:
         world = pipeline.world
         nav2.save(folder.root, "map", world.probability, world.known, world.origin, world.cell_m)
         world_file.save(folder.root, world)
+        divided = rooms_of(world)
+        if divided.rooms:
+            folder.write_json(ROOMS, room_entries(divided))
         if pipeline.grid is not None:
             grid_file.save(folder.path("terrain.npz"), pipeline.grid, pipeline.confidence)
         points, colours = pipeline.cloud.cloud()
@@ -222,17 +225,8 @@ class RunRecorder:
             return f"surefoot process {self._recording} --config {config}"
         return f"surefoot simulate --config {config}"
 
-    def _note_times(self, stamp_s: float, milliseconds: dict[str, float]) -> None:
-        """Append the time of every stage; 0 for stages that did not run."""
-        for name in milliseconds:
-            if name not in self._stages:
-                self._stages[name] = array("d", bytes(8 * len(self._times)))
-        self._times.append(stamp_s)
-        for name, times in self._stages.items():
-            times.append(milliseconds.get(name, 0.0))
-
     def _close_tables(self, pipeline: Pipeline) -> None:
-        """Close all tables and write the timing."""
+        """Close all tables."""
         for table in (self._floors, self._odometry, self._sightings, self._innovations):
             table.close()
         self._commands.close(keep_empty=False)
@@ -245,10 +239,7 @@ class RunRecorder:
             "tracks", {"footprints": [footprint_entry(one) for one in footprints]}
         )
         self._moments.finish(tuple(footprints))
-        times = RowStream(self._folder, "timing.csv", ("stamp_s", *sorted(self._stages)))
-        for row in zip(self._times, *(self._stages[n] for n in sorted(self._stages)), strict=True):
-            times.append(row)
-        times.close()
+        self._timing.close()
 
     def _keep_views(self, frame: Frame, estimate: Estimate, decision: Decision | None) -> None:
         """Every few seconds, store the camera images and the stages of a decision by colour as small pictures."""

@@ -22,7 +22,7 @@ from ..recordings.recording import RecordingInfo
 from ..results.run_folder import RunFolder
 from .bodies import LiveBody
 from .interrupt import stop_requested
-from .loop import cycles
+from .loop import Cycle, cycles
 from .pipeline import Pipeline
 from .run_recorder import RunRecorder
 from .summary import Say, Summary
@@ -79,6 +79,7 @@ def simulate(
     say: Say,
     page: LivePage | None = None,
     report: bool = True,
+    watch: Callable[[Cycle], object] = lambda cycle: None,
 ) -> Summary:
     """Walk through a simulated scene until its goals are reached or the time limit ends the walk.
 
@@ -91,6 +92,7 @@ def simulate(
         say: Receives lines of progress.
         page: Shows the walk while it goes on, and may make it wait between two frames.
         report: Write report.html, replay.html and the tables, which takes seconds.
+        watch: Is given every cycle, for studies.
 
     Raises:
         InputError: Unknown scene or planner.
@@ -116,7 +118,7 @@ def simulate(
         begin = stack.enter_context(_recorder(folder, record))
         robot = stack.enter_context(SimulatedRobot(world, config.robot, config.seed))
         info = known_beforehand(scene, robot, config)
-        truth = TruthLog(robot, scene)
+        truth = TruthLog(robot, scene, folder)
         faults = FaultInjector(config.faults, config.seed)
         body = LiveBody(robot, begin(info), faults, lambda: truth.note(world.stamp_s))
         pipeline = Pipeline(config, info)
@@ -129,6 +131,7 @@ def simulate(
         for cycle in cycles(body, pipeline, planner, config.planning.robot):
             truth.note(cycle.world.stamp_s, faults.touched())
             moment = recorder.note(cycle)
+            watch(cycle)
             if page is not None and moment is not None:
                 page.show(moment, stopped)
             say(recorder.progress(cycle.world, planner))
@@ -137,7 +140,7 @@ def simulate(
         fell = body.fell_at_s
         if fell is not None:
             truth.note(fell)
-        truth.write(folder)
+        truth.finish()
     summary = Summary(
         folder.root,
         recorder.frames,

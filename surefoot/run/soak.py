@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import gc
-import os
 import shutil
 import time
 from collections.abc import Iterable
@@ -29,6 +28,7 @@ from ..results.formats import refuse
 from ..results.run_folder import RunFolder
 from ..results.tables import read_table
 from .interrupt import stop_requested
+from .memory import memory_mb
 from .simulate import simulate
 from .summary import Say
 
@@ -140,13 +140,7 @@ def _walk(number: int, process: int, out: Path, config: Config) -> Walk:
         shutil.rmtree(place)
     del folder, metrics, timing, cycles
     gc.collect()
-    return replace(walk, wall_s=time.monotonic() - began_s, rss_mb=_memory_mb())
-
-
-def _memory_mb() -> float:
-    """Resident memory of this process, MB."""
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+    return replace(walk, wall_s=time.monotonic() - began_s, rss_mb=memory_mb())
 
 
 def _append(table: Path, walk: Walk) -> None:

@@ -53,6 +53,7 @@ FILES = {
     "INT-3": "joint.floor_methods",
     "INT-4": "joint.four_planners",
     "batch": "joint.batch",
+    "building": "joint.building",
     "compare": "joint.comparisons",
     "crowd": "joint.crowd",
     "faults": "joint.faults",

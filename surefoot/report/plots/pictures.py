@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ...results.run_folder import RunFolder
-from . import consistency, sessions, surface, time_series, top_view, world_map
+from . import consistency, rooms, sessions, surface, time_series, top_view, world_map
 from .style import Drawn, Picture, styled, svg
 
 _PLOTS: tuple[tuple[str, str, Callable[[RunFolder], Drawn | None]], ...] = (
@@ -14,6 +14,7 @@ _PLOTS: tuple[tuple[str, str, Callable[[RunFolder], Drawn | None]], ...] = (
     ("surface", "Surface", surface.surface),
     ("layers", "Floor layers", surface.layers),
     ("world", "Map of the whole run", world_map.world_map),
+    ("rooms", "Rooms", rooms.rooms),
     ("aligned", "Pose error after alignment", time_series.aligned_errors),
     ("pose", "Pose error", time_series.pose_errors),
     ("nees", "Consistency of the pose covariance", consistency.nees_over_time),

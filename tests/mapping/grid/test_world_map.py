@@ -108,7 +108,7 @@ def test_looks_agree_with_numpy():
     for (row, column), cell in zip(looked, mine, strict=True):
         n = float(weight[row, column])
         expected = ratio_of_beta_binomials(n, n * float(verdict[row, column]))
-        shown = float(probability_of(world._log_odds[tuple(cell)][None])[0])
+        shown = float(probability_of(world._layers("log_odds")["log_odds"][tuple(cell)][None])[0])
         assert shown == pytest.approx(expected, abs=1e-4)
     assert world.known.sum() == len(looked)
 

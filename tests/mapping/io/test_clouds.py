@@ -70,6 +70,52 @@ def test_voxels_double_in_size_at_the_limit_and_keep_the_mean():
     )
 
 
+def thinned_by_numpy(points, sums, counts, calls, last, voxel_m):
+    """Sums, counts, calls and last calls of the voxels of a larger size, in the order of their first parts."""
+    cells = np.floor(points / voxel_m)
+    _, first, group = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    group = np.argsort(np.argsort(first))[group.reshape(-1)]
+    size = len(first)
+    found = np.zeros((size, sums.shape[1])), np.zeros(size, int), np.zeros(size, int)
+    latest = np.full(size, -1)
+    np.add.at(found[0], group, sums)
+    np.add.at(found[1], group, counts)
+    np.maximum.at(found[2], group, calls)
+    np.maximum.at(latest, group, last)
+    return *found, latest
+
+
+def test_thinning_in_place_agrees_with_numpy_to_the_last_bit_and_allocates_nothing():
+    rng = np.random.default_rng(6)
+    builder = CloudBuilder(CloudConfig(voxel_m=0.02, most_voxels=4096), values=2)
+    while len(builder) < 4000:
+        builder.add(
+            rng.normal(0.0, 0.3, (100, 3)),
+            rng.integers(0, 256, (100, 3)).astype(np.uint8),
+            rng.random((100, 2)),
+        )
+    used = len(builder)
+    arrays = builder._sums, builder._counts, builder._hits, builder._last
+    expected = thinned_by_numpy(builder.cloud()[0], *(one[:used].copy() for one in arrays), 0.04)
+    assert used < len(builder._keys) == 4096
+    builder._used = used
+    builder.config = CloudConfig(voxel_m=0.02, most_voxels=used)
+    builder._make_room()
+    assert builder.voxel_m == 0.04
+    assert len(builder) == len(expected[0]) < used
+    for mine, numpy, before in zip(
+        (builder._sums, builder._counts, builder._hits, builder._last),
+        expected,
+        arrays,
+        strict=True,
+    ):
+        np.testing.assert_array_equal(mine[: len(builder)], numpy)
+        assert mine is before
+    again = len(builder)
+    builder.add(builder.cloud()[0], None, np.zeros((again, 2)))  # every voxel is found again
+    assert len(builder) == again
+
+
 def test_nan_and_points_out_of_reach_are_ignored():
     builder = CloudBuilder()
     builder.add(np.array([[np.nan, 0, 0], [1e9, 0, 0], [0.5, 0.5, 0.5], [np.inf, 0, 0]]))

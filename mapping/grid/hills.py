@@ -1,0 +1,164 @@
+"""Hills of the clearance of a map, and the saddles between them that are doorways; see `rooms`.
+
+Source: watershed from the highest clearance downwards; joining by the height of saddles: topological persistence,
+Edelsbrunner et al. 2002. The rule for doorways is ours.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+WIDEST_M = 0.95  # ours: doorways of homes are 0.6 to 0.9 m wide
+NARROWER = 0.72  # ours: clearance of a doorway by that of the smaller room; seeds 100 to 103
+LEAST_M2 = 1.5  # ours: a smaller part of the floor is no room
+WALL_M, WALL_SHARE = 0.30, 0.65  # ours: a wall goes on so far behind a jamb, in this share of cells
+THICK_M = 0.30  # ours: floor is no farther from the middle of a wall
+ASIDE_CELLS = 4  # ours: which may be beside the line, as door leaves hide corners
+FACING = 0.7  # ours: cosine of the angle between the directions to the two jambs, turned round
+
+Saddles = dict[tuple[int, int], tuple[int, int]]
+"""Two hills, the lower number first, and [row, column] of the highest saddle between them."""
+
+
+def divide(
+    clearance: Float[np.ndarray, "rows columns"],
+    standing: Bool[np.ndarray, "rows columns"],
+    cell_m: float,
+) -> tuple[Int[np.ndarray, "rows columns"], Saddles]:
+    """Hills of the clearance, from 1, and the highest saddle between each two that meet in a doorway."""
+    rows, columns = clearance.shape
+    labels = np.zeros((rows, columns), np.int64)
+    order = np.argsort(-clearance, axis=None, kind="stable")
+    parent, peak = [0], [0.0]
+    saddles: Saddles = {}
+
+    def root(hill: int) -> int:
+        while parent[hill] != hill:
+            hill = parent[hill]
+        return hill
+
+    for flat in order[: np.count_nonzero(clearance > 0.0)].tolist():
+        row, column = divmod(flat, columns)
+        height = float(clearance[row, column])
+        part = np.s_[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
+        around = labels[part]
+        if not around.any():
+            labels[row, column] = len(parent)
+            parent.append(len(parent))
+            peak.append(height)
+            continue
+        uphill = np.argmax(np.where(around > 0, clearance[part], -1.0))
+        labels[row, column] = around.ravel()[uphill]
+        hills = {root(hill) for hill in around[around > 0].tolist()}
+        first, *others = sorted(hills, key=lambda hill: (-peak[hill], hill))
+        for other in others:
+            pair = (min(first, other), max(first, other))
+            if pair in saddles:
+                continue
+            narrow = height < NARROWER * peak[other] and 2.0 * height - cell_m <= WIDEST_M
+            if narrow and _in_wall((row, column), clearance, standing, cell_m):
+                saddles[pair] = (row, column)
+            else:
+                parent[other] = first
+                saddles = _merged(saddles, other, first, clearance)
+    roots = np.array([root(hill) for hill in range(len(parent))])
+    return roots[labels], saddles
+
+
+def _merged(
+    saddles: Saddles, one: int, into: int, clearance: Float[np.ndarray, "rows columns"]
+) -> Saddles:
+    """The saddles after one hill has become part of another; into none (0), its saddles are gone."""
+    moved: Saddles = {}
+    for (a, b), cell in saddles.items():
+        a, b = (into if a == one else a), (into if b == one else b)
+        pair = (min(a, b), max(a, b))
+        if a == b or 0 in pair:
+            continue
+        if pair not in moved or clearance[cell] > clearance[moved[pair]]:
+            moved[pair] = cell
+    return moved
+
+
+def _in_wall(
+    cell: tuple[int, int],
+    clearance: Float[np.ndarray, "rows columns"],
+    standing: Bool[np.ndarray, "rows columns"],
+    cell_m: float,
+) -> bool:
+    """Whether the line across a saddle goes on in a thin wall behind both of its jambs."""
+    jambs = jambs_of(cell, clearance > 0.0, cell_m)
+    if jambs is None:
+        return False
+    along = (jambs[1] - jambs[0]) / np.hypot(*(jambs[1] - jambs[0]))
+    across = np.array([-along[1], along[0]])
+    return all(
+        _is_wall(jamb, ahead, across, clearance > 0.0, standing, cell_m)
+        for jamb, ahead in ((jambs[0], -along), (jambs[1], along))
+    )
+
+
+def _is_wall(
+    jamb: Int[np.ndarray, "2"],
+    ahead: Float[np.ndarray, "2"],
+    across: Float[np.ndarray, "2"],
+    free: Bool[np.ndarray, "rows columns"],
+    standing: Bool[np.ndarray, "rows columns"],
+    cell_m: float,
+) -> bool:
+    """Whether cells stand in a row ahead of a jamb, with floor near them on both sides."""
+    length, thick = round(WALL_M / cell_m), round(THICK_M / cell_m)
+    reach = ASIDE_CELLS + thick
+    outward, aside = np.mgrid[:length, -reach : reach + 1]
+    cells = jamb + outward[..., None] * ahead + aside[..., None] * across
+    places = np.clip(np.rint(cells).astype(int), 0, np.array(standing.shape) - 1)
+    rows, columns = np.moveaxis(places, -1, 0)
+    shares = standing[rows, columns].mean(axis=0)[thick:-thick]
+    best = int(np.argmax(shares))
+    floor = free[rows, columns].any(axis=0)
+    beside = (
+        floor[best : best + thick].any() and floor[best + thick + 1 : best + 2 * thick + 1].any()
+    )
+    return bool(shares[best] >= WALL_SHARE and beside)
+
+
+def joined(
+    hills: Int[np.ndarray, "rows columns"],
+    saddles: Saddles,
+    clearance: Float[np.ndarray, "rows columns"],
+    cell_m: float,
+) -> tuple[Int[np.ndarray, "rows columns"], Saddles]:
+    """The same without small hills: each joined with its neighbour across the highest saddle, or left out."""
+    hills = hills.copy()
+    areas = np.bincount(hills.ravel(), minlength=1) * cell_m**2
+    areas[0] = 0.0
+    while (small := np.flatnonzero((areas > 0.0) & (areas < LEAST_M2))).size:
+        one = int(small[np.argmin(areas[small])])
+        beside = [(clearance[cell], pair) for pair, cell in saddles.items() if one in pair]
+        into = sum(max(beside)[1]) - one if beside else 0
+        hills[hills == one] = into
+        areas[into] += areas[one] if into else 0.0
+        areas[one] = 0.0
+        saddles = _merged(saddles, one, into, clearance)
+    return hills, saddles
+
+
+def jambs_of(
+    cell: tuple[int, int], free: Bool[np.ndarray, "rows columns"], cell_m: float
+) -> Int[np.ndarray, "2 2"] | None:
+    """[row, column] of the nearest cells that are not free, on both sides of a saddle; None without a second."""
+    reach = math.ceil(WIDEST_M / cell_m)
+    low = np.maximum(np.array(cell) - reach, 0)
+    part = free[low[0] : cell[0] + reach + 1, low[1] : cell[1] + reach + 1]
+    there = np.argwhere(~part) + low
+    away = there - np.array(cell)
+    distance = np.hypot(*away.T)
+    first = int(np.argmin(distance))
+    across = -away @ away[first] / np.maximum(distance * distance[first], 1e-9)
+    if not (across > FACING).any():
+        return None
+    second = int(np.argmin(np.where(across > FACING, distance, np.inf)))
+    return there[[first, second]]
