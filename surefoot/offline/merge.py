@@ -66,19 +66,23 @@ class MergeSummary:
         return [*found, f"map folder: {self.folder}"]
 
 
-def merge(paths: Sequence[Path], out: Path | None, say: Say) -> MergeSummary:
+def merge(paths: Sequence[Path], out: Path | None, say: Say, report: bool = True) -> MergeSummary:
     """Merge the maps of several sessions.
 
     Args:
         paths: Map folders, in any order.
         out: Output folder; None takes the next free runs/merge-<n>.
         say: Progress.
+        report: Whether to write the pages and tables of the parts.
 
     Raises:
         InputError: Fewer than two maps, one map twice, a folder that is no map, or a recording that is gone.
         RecordingError: A file of a map, or a recording, is damaged.
         OutputError: The folder cannot be written, or is one of the maps.
     """
+    from ..report.page import write_report
+    from ..store.run_tables import write_run_tables
+
     mapped = _opened(paths)
     if out is not None and any(_same(out, one.folder.root) for one in mapped):
         raise OutputError(f"output folder {out} is one of the maps; choose another --out")
@@ -102,7 +106,10 @@ def merge(paths: Sequence[Path], out: Path | None, say: Say) -> MergeSummary:
     content = _content(mapped, pairs, members, [one for _, one in written])
     for number, (place, part) in enumerate(written):
         place.write_json("sessions.json", {"part": number + 1, **content})
-        _finish(place, folder, part, mapped, members[number])
+        _summarise(place, folder, part, mapped, members[number])
+        if report:
+            write_report(place)
+            write_run_tables(place)
     return MergeSummary(
         str(folder.root),
         tuple(one.name for one in mapped),
@@ -171,17 +178,14 @@ def _content(
     }
 
 
-def _finish(
+def _summarise(
     place: RunFolder,
     folder: RunFolder,
     written: Written,
     mapped: Sequence[MappedSession],
     sessions: Sequence[int],
 ) -> None:
-    """Write summary.json, the report and the tables of a part."""
-    from ..report.page import write_report
-    from ..store.run_tables import write_run_tables
-
+    """Write summary.json of a part."""
     words = ["surefoot", "merge", *(str(one.folder.root) for one in mapped)]
     place.write_json(
         "summary.json",
@@ -200,5 +204,3 @@ def _finish(
             "trajectory": "camera",
         },
     )
-    write_report(place)
-    write_run_tables(place)

@@ -134,7 +134,7 @@ def home_changes(seed: int, place: Path, most: int, say: Say) -> Found:
     maps = mapped(recordings, say, ignore_poses=False)
     folder = place / "merged"
     say(f"home {seed}: merge")
-    merge(maps, folder, lambda text: None)
+    merge(maps, folder, lambda text: None, report=False)
     return Found(state, aligned(folder), _forwards(RunFolder.open(folder)))
 
 

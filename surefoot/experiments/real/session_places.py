@@ -26,9 +26,9 @@ from .odometry import depth_and_colour, without_poses
 from .replica_room import ReplicaRoom
 
 RECORDINGS = {
-    "kitchen": "sevenscenes_redkitchen/sweep",
-    "cabinet": "tum_fr3_cabinet",
     "living room": "redwood_livingroom",
+    "cabinet": "tum_fr3_cabinet",
+    "kitchen": "sevenscenes_redkitchen/sweep",
 }
 OFFICE = "office"
 OFFICE_EVERY = 25  # of Replica's 2000 frames

@@ -172,7 +172,7 @@ def merged_in_orders(
         say(f"merge in order {number + 1} of {orders}")
         order = rng.permutation(len(maps)).tolist() if number else range(len(maps))
         out = place / f"merged-{number + 1}"
-        merge([maps[k] for k in order], out, _quiet)
+        merge([maps[k] for k in order], out, _quiet, report=False)
         content = {name: (out / name).read_bytes() for name in FILES if (out / name).is_file()}
         first = first or content
         same.append(content == first)

@@ -33,8 +33,8 @@ CAMERA = Camera(240, 180, 200.0, 200.0, 119.5, 89.5)
 ROOM = ((-2.5, -2.0, 0.0), (2.5, 2.0, 2.4))
 OTHER = ((-1.8, -3.0, 0.0), (3.4, 1.6, 2.6))
 CUPBOARD = ((1.9, 0.5, 0.0), (2.5, 1.4, 1.7))
-BOX = ((1.0, -0.9, 0.0), (1.5, -0.4, 0.6))
-MOVED = ((0.6, 0.0, 0.0), (1.1, 0.5, 0.6))
+BOX = ((1.2, -0.9, 0.0), (1.6, -0.5, 0.5))
+MOVED = ((1.2, -0.1, 0.0), (1.6, 0.3, 0.5))
 FRAMES = 9  # of each session
 SAME = (
     "trajectory.txt", "space_covariance.csv", "graph.g2o", "mesh.ply", "cloud.ply", "map.pgm", "layers.npz",
