@@ -45,7 +45,7 @@ SMALLER: dict[str, dict[str, float | int]] = {
     "004-E3": {"motions": 3},
     "004-E4": {"motions": 2},
     "004-E5": {"scenes": 4, "ablated": False},
-    "building": {"minutes": 0.7},
+    "building": {"minutes": 0.3},
     "faults": {"faults": 3},
     "localisation": {"other_noise": False},
     "mrclam": {"untuned_logs": False},
