@@ -4,12 +4,12 @@ The robot walks round tours through all rooms; it sees the whole building in the
 again in the second. What a frame costs and what the process remembers must then depend on the area, not on the time:
 
 - `cycle_p99_ratio`: 99th percentile of the wall time of perception and decision in the last ten minutes by that in the
-  first ten; `busy_p99_ratio`: the same of their processor time, which others on the machine hardly change.
+  first ten without their first minute, which loads libraries; `busy_p99_ratio`: the same of their processor time, which
+  others on the machine change less;
 - `rss_growth_mb`: median resident memory in the last ten minutes less that in the fourth ten minutes, when the first tour
-  is over. The estimates go to disk meanwhile, as in every run.
+  is over; the estimates go to disk meanwhile, as in every run;
 - position error and NEES of the pose (x, y, yaw) over all frames. The landmarks are known, as in the flat, so drift ends at
-  the next one. The band of the mean NEES counts what is constant in a walk as one sample.
-
+  the next one. The band of the mean NEES counts what is constant in a walk as one sample;
 - rooms: of the true rooms of which half was seen, the share that the map shows as one room with an intersection over union
   of at least a half, the mean of it over the cells that the map shows free, the number of rooms too many, and the root mean
   square error of the widths of doorways.

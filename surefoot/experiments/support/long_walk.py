@@ -19,6 +19,7 @@ from .experiment import Say
 LOG = "cycles.csv"
 HEADER = ("stamp_s", "cycle_ms", "busy_ms", "rss_mb")
 PARTS = 6  # ours: ten minutes of an hour
+WARM_UP_S = 60.0  # ours; half a part of a walk shorter than twelve minutes
 
 
 @dataclass(frozen=True)
@@ -38,12 +39,16 @@ class WalkLog:
     rss_mb: Float[np.ndarray, "n"]
 
     def part(self, number: int) -> slice:
-        """The cycles of one of the `PARTS` of the walk, from 0; negative ones count from the end."""
+        """The cycles of one of the `PARTS` of the walk, from 0; negative ones count from the end.
+
+        Those of the warm-up belong to none: they load libraries and compiled code.
+        """
         edges = np.linspace(self.stamp_s[0], self.stamp_s[-1], PARTS + 1)
         first = number % PARTS
         begin, end = np.searchsorted(self.stamp_s, edges[first : first + 2])
-        # the first cycle loads libraries
-        return slice(max(int(begin), 1), int(end) + (first == PARTS - 1))
+        warm_s = self.stamp_s[0] + min(WARM_UP_S, (edges[1] - edges[0]) / 2)
+        warm = int(np.searchsorted(self.stamp_s, warm_s))
+        return slice(max(int(begin), warm), int(end) + (first == PARTS - 1))
 
 
 def long_walk(config: Config, out: Path, say: Say) -> RunFolder:

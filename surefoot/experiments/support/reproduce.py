@@ -49,7 +49,7 @@ SMALLER: dict[str, dict[str, float | int]] = {
     "004-E5": {"scenes": 4, "ablated": False},
     "INT-1": {"limit_s": 15.0},
     "INT-4": {"limit_s": 15.0},
-    "building": {"minutes": 0.7},
+    "building": {"minutes": 0.3},
     "faults": {"faults": 1},
     "gaze-benchmark": {"limit_s": 12.0},
     "home": {"limit_s": 30.0},
