@@ -183,7 +183,7 @@ def lost_objects(
     free, filled = evidence(points, looks)
     odds = PER_IMAGE * np.clip(free - filled, -MOST_IMAGES, MOST_IMAGES)
     odds += math.log(PRIOR / (1.0 - PRIOR))
-    away = cKDTree(other.points).query(points)[0]
+    away = np.asarray(cKDTree(other.points).query(points)[0])
     chosen = np.flatnonzero((odds > 0.0) & (away > CLEAR_M))
     emptied, held = evidence(points[chosen], own)
     chosen = chosen[held > emptied]  # what its own session saw come and go is no furniture
