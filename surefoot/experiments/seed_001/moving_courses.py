@@ -45,7 +45,7 @@ def run(
     say: Say,
     body: str = "kinematic",
     image_seeds: int = IMAGE_SEEDS,
-    printed_speed: bool = True,
+    peers: bool = True,
 ) -> Outcome:
     """Seeds 0 to n - 1 of slow and fast courses; baselines on a quarter of them.
 
@@ -54,7 +54,7 @@ def run(
         say: Takes lines of progress.
         body: Body that walks.
         image_seeds: Number of slow courses walked from images, at most `seeds`.
-        printed_speed: Also walks at the printed speed, which take longest.
+        peers: Also the baselines, and walks at the printed speed, which take longest.
     """
     quarter = max(seeds // 4, 1)
     groups = {
@@ -64,11 +64,11 @@ def run(
             Trial("fast_course", seed, perfect=True) for seed in range(seeds)
         ],
     }
-    for name in BASELINES:
+    for name in BASELINES if peers else ():
         groups[f"fast, {name}"] = [
             Trial("fast_course", seed, stepper=name) for seed in range(quarter)
         ]
-    slow = tuple(PRINTED_SPEED.items()) if printed_speed else ()
+    slow = tuple(PRINTED_SPEED.items()) if peers else ()
     for name, field in slow:
         groups[name] = [
             Trial("course", seed, field=field, cruise_mps=PRINTED_MPS) for seed in range(quarter)
@@ -88,13 +88,11 @@ def run(
         name: truth[name]
         for name in ("contact_free_share_truth", "falls_truth", "time_s_mean_truth")
     }
-    ours = figures(found["fast, sensors"][:quarter])
-    baselines = {name: figures(found[f"fast, {name}"]) for name in BASELINES}
-    fewest = min(baseline["contacts"] for baseline in baselines.values())
-    result["contacts_over_best_peer"] = ours["contacts"] - fewest
-    for name, baseline in baselines.items():
-        ratio = ours["time_s_mean"] / baseline["time_s_mean"]
-        result[f"time_over_{name.replace(' ', '_')}"] = ratio
+    if peers:
+        result |= _against(
+            figures(found["fast, sensors"][:quarter]),
+            {name: figures(found[f"fast, {name}"]) for name in BASELINES},
+        )
     for name, trials in groups.items():
         for trial, one in zip(trials, found[name], strict=True):
             table += [f"  {name}, seed {trial.seed}: {_line(contact)}" for contact in one.contacts]
@@ -104,6 +102,16 @@ def run(
         result |= seen
         table += lines
     return Outcome(result, table, ROWS)
+
+
+def _against(ours: dict[str, float], baselines: dict[str, dict[str, float]]) -> dict[str, float]:
+    """Contacts beyond those of the best baseline, and time by that of each."""
+    fewest = min(baseline["contacts"] for baseline in baselines.values())
+    times = {
+        f"time_over_{name.replace(' ', '_')}": ours["time_s_mean"] / baseline["time_s_mean"]
+        for name, baseline in baselines.items()
+    }
+    return {"contacts_over_best_peer": ours["contacts"] - fewest, **times}
 
 
 def _line(contact: Contact) -> str:

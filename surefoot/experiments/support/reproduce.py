@@ -39,7 +39,7 @@ QUICK: dict[str, int] = {
 SMALLER: dict[str, dict[str, float | int]] = {
     "000-E3": {"limit_s": 6.0},
     "000-E4": {"limit_s": 8.0},
-    "001-E3": {"image_seeds": 0, "printed_speed": False},
+    "001-E3": {"image_seeds": 0, "peers": False},
     "001-E4": {"courses": False},
     "001-hard": {"baselines": False},
     "003-E6": {"limit_s": 25.0},
