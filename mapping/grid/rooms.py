@@ -167,7 +167,10 @@ def _door(
     origin: Float[np.ndarray, "2"],
     cell_m: float,
 ) -> Door:
-    """The opening between two jambs; cells on the line between them are doubtful as the map says."""
+    """The opening between two jambs; cells on the line between them are doubtful as the map says.
+
+    A cell is occupied if a part of it is, so a jamb ends anywhere in its cell: in the middle on average.
+    """
     ends = _places(jambs, origin, cell_m)
     apart = float(np.hypot(*(ends[1] - ends[0])))
     share = np.linspace(0.0, 1.0, 1 + 2 * round(apart / cell_m))[:, None]
@@ -176,7 +179,7 @@ def _door(
     sigma = cell_m * math.sqrt(doubt + 2.0 / 12.0)  # and where in its cell each jamb ends
     x, y = ends.mean(axis=0).tolist()
     a, b = ((float(px), float(py)) for px, py in ends)
-    return Door(rooms, (x, y), (a, b), apart - cell_m, sigma)
+    return Door(rooms, (x, y), (a, b), apart, sigma)
 
 
 def _floors(rooms: list[Room], doors: list[Door]) -> tuple[tuple[int, ...], ...]:

@@ -246,7 +246,7 @@ def outcome(found: list[tuple[Figures, Walked]]) -> Outcome:
 
 
 SAID = (
-    "Processor time of a cycle (median and 99th percentile of a minute), resident memory, position error and NEES of the pose "
+    "Processor time of a cycle after the warm-up (median and 99th percentile of a minute), resident memory, position error and NEES of the pose "
     "over the walk; grey lines are the targets and the expected value, the green band that of a single consistent NEES."
 )
 
@@ -256,7 +256,8 @@ def draw(walked: Walked) -> Figure:
     figure, axes = sheet(4, 1, 7.6, sharex=True)
     log = walked.log
     minutes, own = log.stamp_s / 60.0, walked.stamps / 60.0
-    at, cycles = _by_window(minutes, log.busy_ms)
+    warm = log.part(0).start
+    at, cycles = _by_window(minutes[warm:], log.busy_ms[warm:])
     axes[0].plot(at, np.percentile(cycles, 99, axis=1), color=WRONG, label="99 %")
     axes[0].plot(at, np.median(cycles, axis=1), color=ESTIMATE, label="median")
     axes[0].set(ylabel="cycle, ms")
