@@ -86,7 +86,7 @@ def test_the_dynamic_body_walks_and_a_fall_ends_the_walk(slope: float) -> None:
 def test_localisation_uses_the_requested_body(monkeypatch: pytest.MonkeyPatch) -> None:
     requested = []
 
-    def fell(seed: int, body: str) -> dict[str, float]:
+    def fell(seed: int, body: str, length_m: float) -> dict[str, float]:
         requested.append((seed, body))
         return {"falls": float(seed)}
 
