@@ -57,7 +57,7 @@ def run(seeds: int, say: Say, seconds: float = SECONDS) -> Outcome:
         "coverage_90_max": float(np.max(covered)),
         "mover_anees_min": float(np.min(anees)),
         "mover_anees_max": float(np.max(anees)),
-        "followed_share": sum(w.followed for w in walks) / sum(w.near for w in walks),
+        "followed_share": _ratio(sum(w.followed for w in walks), sum(w.near for w in walks)),
         "gospa_ratio_max": float(ratios.max()),
         "gospa_gain_mean": float(1.0 - ratios.mean()),
     }
@@ -65,18 +65,21 @@ def run(seeds: int, say: Say, seconds: float = SECONDS) -> Outcome:
 
 
 def of_law(law: str, one: Judged) -> dict[str, float]:
-    """Figures of one law; NaN without a track."""
+    """Figures of one law; NaN where nothing was seen."""
     figures = {
-        f"coverage_90_{law}_{t:.0f}s": one.inside[k] / one.forecasts[k]
-        if one.forecasts[k]
-        else np.nan
+        f"coverage_90_{law}_{t:.0f}s": _ratio(one.inside[k], one.forecasts[k])
         for k, t in enumerate(HORIZONS_S)
     }
     return figures | {
-        f"mover_anees_{law}": one.nees / one.tracked if one.tracked else np.nan,
-        f"followed_share_{law}": one.followed / one.near if one.near else np.nan,
-        f"gospa_ratio_{law}": one.ours_m / one.plain_m,
+        f"mover_anees_{law}": _ratio(one.nees, one.tracked),
+        f"followed_share_{law}": _ratio(one.followed, one.near),
+        f"gospa_ratio_{law}": _ratio(one.ours_m, one.plain_m),
     }
+
+
+def _ratio(part: float, whole: float) -> float:
+    """NaN where nothing was seen, as in a short walk."""
+    return part / whole if whole else np.nan
 
 
 def table(found: dict[str, Judged], seeds: int) -> list[str]:
@@ -93,7 +96,7 @@ def table(found: dict[str, Judged], seeds: int) -> list[str]:
         lines.append(
             f"{law:22}  {figures[0]:8.2f} {figures[1]:6.2f} {figures[2]:6.2f}  {figures[3]:12.1f}"
             f"  {figures[4]:8.2f}  {one.viewed_followed / max(one.viewed, 1.0):7.2f}"
-            f"  {one.ours_m / one.instants:5.3f} m  {one.plain_m / one.instants:5.3f} m"
+            f"  {_ratio(one.ours_m, one.instants):5.3f} m  {_ratio(one.plain_m, one.instants):5.3f} m"
         )
     return lines
 

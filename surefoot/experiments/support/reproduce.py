@@ -55,7 +55,7 @@ SMALLER: dict[str, dict[str, float | int]] = {
     "home": {"limit_s": 15.0},
     "localisation": {"other_noise": False, "length_m": 3.0},
     "mrclam": {"robot_logs": False},
-    "prediction": {"seconds": 12.0},
+    "prediction": {"seconds": 20.0},
     "real-honesty": {"floors_alone": True},
     "real-mapping": {"parts": 1},
     "real-odometry": {"sets": 1},
