@@ -146,7 +146,7 @@ def room_figures(folder: RunFolder, scene: Scene) -> Figures:
     best = [
         max((_iou(one & free, other) for other in mine), default=0.0)
         for one in true
-        if seen[one].mean() >= 0.5
+        if one.any() and seen[one].mean() >= 0.5
     ]
     widths = []
     for door in found["doors"]:
