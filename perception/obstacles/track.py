@@ -252,9 +252,7 @@ class Track:
 
     def _lost(self) -> bool:
         """Whether a known mover may be outside its own disc: what is detected then may be another obstacle."""
-        (a, b), (_, d) = self.state.covariance[:2, :2].tolist()
-        sigma = math.sqrt((a + d) / 2.0 + math.hypot((a - d) / 2.0, b))
-        return self._proven and sigma > self.radius_m
+        return self._proven and largest_sigma(self.state) > self.radius_m
 
     def _doubt_motion(self) -> None:
         """Give the mode `still` its prior probability again, anywhere in the mixture, and ask for a new proof."""
@@ -308,6 +306,12 @@ class Track:
         """
         self._robot, self._view = _contiguous(robot.mean), _contiguous(robot.covariance)
         self._wander_m2 = (self.config.shape_per_m * self.radius_m**2) ** 2
+
+
+def largest_sigma(state: Gaussian) -> float:
+    """Standard deviation of the position (x, y) of a state along its worst axis, m."""
+    (a, b), (_, d) = state.covariance[:2, :2].tolist()
+    return math.sqrt((a + d) / 2.0 + math.hypot((a - d) / 2.0, b))
 
 
 def _log_odds(probability: float) -> float:

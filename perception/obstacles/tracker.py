@@ -27,7 +27,7 @@ from ..primitives.pose import Pose2
 from ..primitives.settings import setting
 from .motion_model import MEMBERS, MODELS, MotionModel
 from .record import Record, Snapshot, Through, doubt_carried
-from .track import Detection, TrackConfig
+from .track import Detection, TrackConfig, largest_sigma
 
 Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
 """Which places (n, 2), world frame, m, have a free line of sight in this frame."""
@@ -241,7 +241,7 @@ class ObstacleTracker:
         found = set()
         for record in self._records:
             radius = record.track.radius_m
-            if record.moving >= MOVING and _largest_sigma(record) < radius:
+            if record.moving >= MOVING and largest_sigma(record.track.state) < radius:
                 inside = np.hypot(*(places - record.track.state.mean[:2]).T) < radius
                 found |= {
                     k
@@ -264,7 +264,7 @@ class ObstacleTracker:
         limit = self.config.misses_to_die if shown else MISSES_OF_NEW
         if record.misses >= limit or stamp_s - record.seen_s > self.config.oldest_s:
             return False
-        return _largest_sigma(record) < self.config.largest_sigma_m
+        return largest_sigma(record.track.state) < self.config.largest_sigma_m
 
     def _merge(self) -> None:
         """Keep the older of two tracks of one obstacle; one that has lost its own may be anywhere."""
@@ -274,7 +274,7 @@ class ObstacleTracker:
             for older in kept:
                 a, b = older.track.state.mean[:2].tolist()
                 same = SAME_SHARE * min(record.track.radius_m, older.track.radius_m)
-                if math.hypot(x - a, y - b) < same and _largest_sigma(older) < same:
+                if math.hypot(x - a, y - b) < same and largest_sigma(older.track.state) < same:
                     break
             else:
                 kept.append(record)
@@ -284,12 +284,6 @@ class ObstacleTracker:
 def _in_world(detections: Sequence[Detection], robot: Gaussian) -> Float[np.ndarray, "n 2"]:
     """Positions of detections, world frame, m."""
     return Pose2(*robot.mean.tolist()).apply(np.array([seen.position for seen in detections]))
-
-
-def _largest_sigma(record: Record) -> float:
-    """Standard deviation of the position along its worst axis, m."""
-    (a, b), (_, d) = record.track.state.covariance[:2, :2].tolist()
-    return math.sqrt((a + d) / 2.0 + math.hypot((a - d) / 2.0, b))
 
 
 def _from_part(part: Detection, track: MotionModel) -> Detection:
