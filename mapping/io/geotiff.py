@@ -114,7 +114,7 @@ def load(
         cell_m, (left, top) = float(tags[33550][0]), tags[33922][3:5]
     except UnreadableError as error:
         raise InputError(f"map layers {path} {error}") from error
-    except (KeyError, ValueError, struct.error, AttributeError) as error:
+    except (KeyError, ValueError, TypeError, struct.error, AttributeError) as error:
         raise InputError(
             f"map layers {path}: expected map_layers.tif of a run; open others with GDAL"
         ) from error

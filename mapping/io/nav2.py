@@ -226,7 +226,9 @@ def _read_pgm(path: Path) -> UInt8[np.ndarray, "rows columns"]:
     except UnreadableError as error:
         raise InputError(f"map image {path} {error}; it must be beside the yaml") from error
     gap = rb"(?:\s|#[^\n]*\n)+"
-    header = re.match(rb"P5" + gap + rb"(\d+)" + gap + rb"(\d+)" + gap + rb"(\d+)\s", content)
+    header = re.match(
+        rb"P5" + gap + rb"(\d{1,9})" + gap + rb"(\d{1,9})" + gap + rb"(\d{1,9})\s", content
+    )
     if header is None or int(header[3]) != 255:
         raise InputError(f"map image {path}: expected a binary PGM (P5) with 255 grey levels")
     columns, rows = int(header[1]), int(header[2])

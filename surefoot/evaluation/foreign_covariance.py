@@ -301,7 +301,8 @@ def _rows(
             f"{stamps.min():.3f} to {stamps.max():.3f} s, the trajectory {poses.stamps[0]:.3f} to "
             f"{poses.stamps[-1]:.3f} s; give the covariances of this trajectory"
         )
-    return order[mine], theirs
+    theirs, first = np.unique(theirs, return_index=True)  # of two for one pose the first
+    return order[mine[first]], theirs
 
 
 def _check(path: Path, covariances: Float[np.ndarray, "n k k"]) -> None:

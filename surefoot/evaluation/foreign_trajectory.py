@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from perception.primitives.errors import InputError
 
-from ..results.tables import Trajectory, text_lines
+from ..results.tables import FARTHEST_M, Trajectory, text_lines
 from .metrics.trajectory import MAX_DIFFERENCE_S, associate
 
 TUM, KITTI, EUROC = "TUM", "KITTI", "EuRoC"
@@ -76,6 +76,12 @@ def read_trajectory(path: Path) -> ForeignTrajectory:
             )
         rows.append(row[:width])
     table = np.array(rows)
+    positions = table[:, [3, 7, 11]] if kind == KITTI else table[:, 1:4]
+    far = np.flatnonzero(np.abs(positions).max(axis=1) > FARTHEST_M)
+    if len(far):
+        raise InputError(
+            f"{path}, line {lines[far[0]][0]}: the position is more than {FARTHEST_M:g} m away; expected metres"
+        )
     if kind == KITTI:
         return ForeignTrajectory(
             str(path), kind, _of_matrices(path, table, lines), np.arange(len(table)), len(table)

@@ -321,8 +321,9 @@ def _common(
     mine: Int[np.ndarray, "k"], claims: Claims
 ) -> tuple[Int[np.ndarray, "m"], Int[np.ndarray, "m"]]:
     """Matching poses with a covariance: indices among the matches, and among the claims."""
-    _, rows, chosen = np.intersect1d(mine, claims.rows, assume_unique=True, return_indices=True)
-    return rows, chosen
+    chosen = np.minimum(np.searchsorted(claims.rows, mine), len(claims.rows) - 1)
+    rows = np.flatnonzero(claims.rows[chosen] == mine)
+    return rows, chosen[rows]
 
 
 def _check_body(estimate: Trajectory, truth: Trajectory) -> None:

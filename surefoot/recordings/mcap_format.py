@@ -192,7 +192,7 @@ class McapRecording:
         try:
             with self._path.open("rb") as file:
                 summary = make_reader(file).get_summary()
-        except (*DAMAGE, *WRONG, MemoryError):
+        except (*DAMAGE, *WRONG, MemoryError, OSError):  # an index beyond the end of the file
             return True, None
         if summary is None or summary.statistics is None:
             return False, None

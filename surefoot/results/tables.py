@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +14,8 @@ from jaxtyping import Float
 from perception.primitives import safe_input
 from perception.primitives.errors import InputError, RecordingError
 from perception.primitives.safe_input import MissingError, UnreadableError
+
+FARTHEST_M = 1e9  # ours: of a pose from the origin; beyond, squares of errors lose all digits
 
 
 @dataclass(frozen=True)
@@ -117,7 +121,7 @@ def read_tum(path: Path) -> Trajectory:
 
     Raises:
         InputError: The file cannot be opened.
-        RecordingError: A line is not eight finite numbers, a quaternion is zero, or there are no poses.
+        RecordingError: A line is not eight numbers, a pose is impossible (`is_pose`), or there are no poses.
     """
     rows = []
     for number, line in enumerate(text_lines(path), start=1):
@@ -128,10 +132,10 @@ def read_tum(path: Path) -> Trajectory:
             row = [float(word) for word in words]
         except ValueError:
             row = []
-        if len(row) != 8 or not np.all(np.isfinite(row)) or not np.linalg.norm(row[4:]) > 1e-6:
+        if len(row) != 8 or not math.isfinite(row[0]) or not is_pose(row[1:4], row[4:]):
             raise RecordingError(
                 f"{path}, line {number}: {line.strip()!r} is not a pose; expected eight finite numbers: "
-                "stamp tx ty tz qx qy qz qw"
+                "stamp tx ty tz qx qy qz qw, with a quaternion of length 1"
             )
         rows.append(row)
     if not rows:
@@ -140,6 +144,12 @@ def read_tum(path: Path) -> Trajectory:
     table = table[np.unique(table[:, 0], return_index=True)[1]]
     quats = table[:, 4:] / np.linalg.norm(table[:, 4:], axis=1, keepdims=True)
     return Trajectory(table[:, 0], table[:, 1:4], quats)
+
+
+def is_pose(position_m: Sequence[float], quat_xyzw: Sequence[float]) -> bool:
+    """Whether the numbers can be a pose: within `FARTHEST_M`, and a quaternion that can be scaled to length 1."""
+    near = bool(np.all(np.abs(position_m) <= FARTHEST_M))  # NaN is not
+    return near and 1e-6 < math.hypot(*quat_xyzw) < 1e6
 
 
 def text_lines(path: Path) -> list[str]:

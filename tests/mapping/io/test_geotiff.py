@@ -72,6 +72,13 @@ def test_foreign_and_damaged_files_are_refused(tmp_path: Path) -> None:
         (tmp_path / "m.tif").write_bytes(content)
         with pytest.raises(InputError, match=r"expected map_layers\.tif"):
             geotiff.load(tmp_path / "m.tif")
+    path = geotiff.save(tmp_path / "w.tif", layers(2, 3), np.zeros(2), 0.05)
+    content = bytearray(path.read_bytes())
+    assert struct.unpack_from("<HH", content, 10) == (256, 4)  # the width, a long integer
+    struct.pack_into("<H", content, 12, 12)  # a double
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"expected map_layers\.tif"):
+        geotiff.load(path)
     with pytest.raises(InputError, match="cannot be read"):
         geotiff.load(tmp_path / "none.tif")
     with pytest.raises(InputError, match=r"ends in \.tif"):

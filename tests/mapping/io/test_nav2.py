@@ -92,6 +92,7 @@ def test_maps_of_other_writers_are_read(tmp_path):
         (GOOD, b"P5\n4 4\n255\n\x00\x01", "2 bytes of pixels, expected 16"),
         (GOOD, b"P2\n1 1\n255\n7", r"expected a binary PGM \(P5\)"),
         (GOOD, b"", r"expected a binary PGM \(P5\)"),
+        (GOOD, b"P5\n" + b"9" * 5000 + b" 4\n255\n\0", r"expected a binary PGM \(P5\)"),
     ],
 )
 def test_bad_maps_are_refused_with_their_reason(tmp_path, yaml, pgm, message):

@@ -265,6 +265,8 @@ def test_covariances_of_a_run_of_our_own_are_taken_as_those_after_alignment(tmp_
         ("0 0 0 0 0 0 0 1\n1 0 0 0 0 0 1\n", "line 2: .* is not a pose; expected 8"),
         ("0 0 0 0 1 1 0 1\n", r"length 1.732, not 1; read as TUM \(qx qy qz qw"),
         ("2 0 0 0 0 2 0 0 0 0 2 0\n", "no rotation; 12 numbers were read as KITTI"),
+        ("0 0 0 0 0 0 0 1\n1 0 1e300 0 0 0 0 1\n", r"line 2: the position is more than 1e\+09 m"),
+        ("1 0 0 0 0 1 0 0 0 0 1 -1e10\n", r"line 1: the position is more than 1e\+09 m"),
     ],
 )
 def test_files_that_hold_no_trajectory_are_refused_with_the_reason(tmp_path, text, message):
@@ -291,6 +293,16 @@ def test_covariances_that_do_not_belong_are_refused_with_the_reason(tmp_path, te
     (tmp_path / "bad.csv").write_text(text)
     with pytest.raises(InputError, match=message):
         read_claims(tmp_path / "bad.csv", read_trajectory(found))
+
+
+def test_of_two_covariances_for_one_pose_the_first_counts(tmp_path):
+    found, _, _ = Walk(0, n=20).write(tmp_path)
+    lines = [f"{100 + 0.1 * k},{k + 1},0,0,{k + 1},0,{k + 1}" for k in range(21)]
+    lines.insert(4, lines[3].replace(",4", ",99"))
+    (tmp_path / "twice.csv").write_text("\n".join(lines))
+    claims = read_claims(tmp_path / "twice.csv", read_trajectory(found))
+    np.testing.assert_array_equal(claims.rows, np.arange(21))
+    np.testing.assert_array_equal(claims.covariances[:, 0, 0], np.arange(1, 22))
 
 
 def test_a_truth_of_another_time_is_refused_with_both_ranges(tmp_path):

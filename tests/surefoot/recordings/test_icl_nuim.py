@@ -64,6 +64,14 @@ def test_an_invalid_line_of_pairs_is_named(folder):
         open_recording(folder)
 
 
+def test_an_infinite_stamp_is_named(folder):
+    poses = next(folder.glob("*.gt.freiburg"))
+    first, *rest = poses.read_text().splitlines()
+    poses.write_text("\n".join([first, "9" * 400 + rest[0][1:], *rest[1:]]))
+    with pytest.raises(RecordingError, match=r"line 2: the stamp is not finite \(9{20}\)"):
+        open_recording(folder)
+
+
 def test_frames_beyond_the_trajectory_have_no_pose_and_are_remarked(folder):
     truth = folder / "livingRoom0.gt.freiburg"
     truth.write_text("\n".join(truth.read_text().splitlines()[:2]))

@@ -23,7 +23,7 @@ from perception.primitives.errors import OutputError, RecordingError
 from perception.primitives.frame import Frame, StepOdometry
 from perception.primitives.landmark import Landmark
 from perception.primitives.pose import Pose2
-from surefoot.mcap_file import nanoseconds
+from surefoot.mcap_file import MAGIC, nanoseconds
 from surefoot.recordings.codec import decode, encode
 from surefoot.recordings.mcap_format import McapRecording, RecordingWriter
 from surefoot.recordings.mcap_messages import frame_messages
@@ -186,6 +186,18 @@ def test_a_truncated_file_gives_every_complete_frame(walk, same, tmp_path):
         assert whole <= len(played) <= whole + 1  # one more where only its index was cut
         assert all(map(same, played, frames))
         assert recording.skipped == []
+
+
+def test_an_index_beyond_the_end_of_the_file_is_not_followed(walk, same, tmp_path):
+    path, frames = walk
+    content = bytearray(path.read_bytes())
+    footer = len(content) - len(MAGIC) - 20  # summary_start, summary_offset_start, checksum
+    content[footer : footer + 8] = (2**63 + 1).to_bytes(8, "little")
+    damaged = tmp_path / "index.mcap"
+    damaged.write_bytes(content)
+    recording = McapRecording(damaged)
+    assert recording.remarks == ["recording ended early: every complete frame is played back"]
+    assert all(map(same, list(recording.frames()), frames))
 
 
 def test_a_file_truncated_in_its_head_is_refused(walk, tmp_path):

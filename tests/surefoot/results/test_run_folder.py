@@ -311,6 +311,8 @@ def test_ground_truth_beside_a_recording_is_copied(tmp_path):
         ("# head\n0 0 0 0 0 0 0 1\n1 nan 0 0 0 0 0 1\n", "line 3"),
         ("0 0 0 0 0 0 0 0\n", "is not a pose"),
         ("zero 0 0 0 0 0 0 1\n", "is not a pose"),
+        ("0 0 -2e9 0 0 0 0 1\n", "line 1"),
+        ("0 0 0 0 0 1e300 0.6 0.8\n", "with a quaternion of length 1"),
         ("# nothing\n", "holds no poses"),
     ],
 )
