@@ -42,13 +42,17 @@ class Walk:
         )
 
     def look(self) -> None:
-        for angle in np.linspace(0, 2 * math.pi, 240, endpoint=False):
-            for r in np.arange(0.0, 1.5, CELL / 2):
-                x, y = self.here + r * np.array([math.cos(angle), math.sin(angle)])
-                cell = int(y / CELL), int(x / CELL)
-                self.known[cell], self.updated_s[cell] = True, self.t
-                if self.occupied[cell]:
-                    break
+        angles = np.linspace(0, 2 * math.pi, 240, endpoint=False)
+        r = np.arange(0.0, 1.5, CELL / 2)
+        rays = r[:, None] * np.stack([np.cos(angles), np.sin(angles)])[:, None]
+        cells = ((self.here[:, None, None] + rays) / CELL).astype(int)
+        rows, columns = (  # rays end at the outer walls
+            np.clip(cells[axis], 0, n - 1) for axis, n in zip((1, 0), self.known.shape, strict=True)
+        )
+        hit = self.occupied[rows, columns]
+        seen = np.cumsum(hit, axis=0) - hit == 0  # up to the first occupied cell
+        self.known[rows[seen], columns[seen]] = True
+        self.updated_s[rows[seen], columns[seen]] = self.t
 
     def step(self, goal: np.ndarray) -> None:
         away = goal - self.here

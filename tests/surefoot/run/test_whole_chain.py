@@ -100,7 +100,9 @@ def test_another_seed_is_another_walk(walked, tmp_path):
 @pytest.mark.usefixtures("without_report")
 def test_a_robot_crosses_the_home_without_touching_anything(tmp_path):
     out = tmp_path / "home"
-    summary = simulate.simulate(dataclasses.replace(Config(), seed=3), out, False, quiet)
+    robot = dataclasses.replace(Config().robot, stereo=False)
+    config = dataclasses.replace(Config(), seed=3, robot=robot)
+    summary = simulate.simulate(config, out, False, quiet)
     metrics = evaluate(RunFolder.open(out))
     start, goal = (
         np.array(json.loads((out / "summary.json").read_text())[name][:2])
