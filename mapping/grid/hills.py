@@ -30,7 +30,10 @@ def divide(
 ) -> tuple[Int[np.ndarray, "rows columns"], Saddles]:
     """Hills of the clearance, from 1, and the highest saddle between each two that meet in a doorway."""
     rows, columns = clearance.shape
-    labels = np.zeros((rows, columns), np.int64)
+    heights = np.pad(clearance, 1).ravel().tolist()  # plain lists: cells are taken one by one
+    labels = [0] * len(heights)
+    wide = columns + 2
+    beside = (-wide - 1, -wide, 1 - wide, -1, 1, wide - 1, wide, wide + 1)
     order = np.argsort(-clearance, axis=None, kind="stable")
     parent, peak = [0], [0.0]
     saddles: Saddles = {}
@@ -42,17 +45,16 @@ def divide(
 
     for flat in order[: np.count_nonzero(clearance > 0.0)].tolist():
         row, column = divmod(flat, columns)
-        height = float(clearance[row, column])
-        part = np.s_[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
-        around = labels[part]
-        if not around.any():
-            labels[row, column] = len(parent)
+        at = (row + 1) * wide + column + 1
+        height = heights[at]
+        around = [at + step for step in beside if labels[at + step]]
+        if not around:
+            labels[at] = len(parent)
             parent.append(len(parent))
             peak.append(height)
             continue
-        uphill = np.argmax(np.where(around > 0, clearance[part], -1.0))
-        labels[row, column] = around.ravel()[uphill]
-        hills = {root(hill) for hill in around[around > 0].tolist()}
+        labels[at] = labels[max(around, key=heights.__getitem__)]
+        hills = {root(labels[cell]) for cell in around}
         first, *others = sorted(hills, key=lambda hill: (-peak[hill], hill))
         for other in others:
             pair = (min(first, other), max(first, other))
@@ -65,7 +67,8 @@ def divide(
                 parent[other] = first
                 saddles = _merged(saddles, other, first, clearance)
     roots = np.array([root(hill) for hill in range(len(parent))])
-    return roots[labels], saddles
+    numbered = np.array(labels).reshape(rows + 2, wide)[1:-1, 1:-1]
+    return roots[numbered], saddles
 
 
 def _merged(
