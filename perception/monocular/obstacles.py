@@ -18,7 +18,7 @@ from .contact_covariance import CovarianceModel
 from .edges import Edges
 from .result import Flows, Picture, SeenObstacle
 
-CHANCE = 0.03  # ours: 16 walks; of a thing at rest to seem to move by errors of its flows
+CHANCE = 0.001  # ours: 16 walks; of a thing at rest to seem to move by errors of its flows
 
 
 def floor_flows(
