@@ -24,6 +24,7 @@ from perception.primitives.settings import setting
 from planning.commands import GazeCommand, WalkCommand
 
 from .body.body import Advance, Body
+from .body.described import gait_of, head_of, measures_of
 from .body.dynamic.anatomy import DARWIN, Anatomy, gait_for, head_for
 from .body.dynamic.config import DynamicConfig
 from .body.dynamic.walker import DynamicBody
@@ -35,7 +36,7 @@ from .body.kinematic import KinematicBody, SlipConfig, SwayConfig
 from .free_space import ROBOT_TOP_M
 from .ranges import check_ranges
 from .rendering.motion import STATIONARY, Motion, motion_between
-from .robots import description
+from .robots import catalogue
 from .robots.description import Description, Sensor
 from .robots.jointed import JointedRobot, jointed
 from .scenes.walker import SMALL, Walker
@@ -58,7 +59,7 @@ class RobotConfig:
     """
 
     model: str = setting(
-        description.OWN,
+        catalogue.OWN,
         "",
         "surefoot, g1, talos, icub, or a .toml file that describes a robot",
         "ours",
@@ -112,13 +113,13 @@ class RobotConfig:
         Raises:
             ConfigError, InputError: It is unknown, or its file is wrong.
         """
-        return None if self.model == description.OWN else description.load(self.model)
+        return None if self.model == catalogue.OWN else catalogue.load(self.model)
 
     @property
     def measures(self) -> Anatomy:
         """Sizes of trunk and feet, for contact."""
         found = self.described
-        return self.dynamic.body if found is None else _measures(found)
+        return self.dynamic.body if found is None else measures_of(found)
 
     @property
     def walker(self) -> Walker:
@@ -138,7 +139,7 @@ class RobotConfig:
     def __post_init__(self) -> None:
         if self.body not in BODIES:
             raise ConfigError(f"robot: body={self.body!r} is unknown; choose {', '.join(BODIES)}")
-        if self.body == "dynamic" and self.model != description.OWN:
+        if self.body == "dynamic" and self.model != catalogue.OWN:
             raise ConfigError(
                 f"robot: model={self.model!r} has no dynamic body; set body='kinematic'"
             )
@@ -183,28 +184,7 @@ def grown(config: RobotConfig) -> RobotConfig:
 
 def _described(config: RobotConfig, robot: Description) -> RobotConfig:
     """Gait, gaze and cameras of a description; noise and timing of the cameras stay as configured."""
-    model, walk = robot.model, robot.walk
-    step_s = model.gait.step_s
-    gait = replace(
-        config.gait,
-        stance_width_m=walk.stance_m,
-        narrowest_m=walk.narrowest_m,
-        lift_m=walk.lift_m,
-        com_height_m=walk.com_m,
-        backward_limit_m=model.gait.max_back_mps * step_s,
-        forward_limit_m=model.gait.max_speed_mps * step_s,
-        lateral_limit_m=model.gait.max_side_mps * step_s,
-        turn_limit_deg=model.gait.max_turn_deg,
-        single_support_s=_spanned(config.gait.single_support_s, model.gait.single_support_s),
-        double_support_s=_spanned(config.gait.double_support_s, model.gait.double_support_s),
-    )
-    head = replace(
-        config.head,
-        pan_deg=model.head.pan_deg,
-        tilt_deg=model.head.tilt_deg,
-        speed_radps=model.head.speed_radps,
-    )
-    config = replace(config, gait=gait, head=head)
+    config = replace(config, gait=gait_of(robot, config.gait), head=head_of(robot, config.head))
     tof, stereo, colour = (robot.sensor(name) for name in ("tof", "stereo", "colour"))
     if tof is not None:
         pixels = replace(
@@ -235,26 +215,6 @@ def _pixels(camera: ImageConfig, sensor: Sensor) -> ImageConfig:
         height=sensor.height,
         across_deg=sensor.across_deg,
         mount_m=sensor.at_m,
-    )
-
-
-def _spanned(span: tuple[float, float], value: float) -> tuple[float, float]:
-    """The span, widened to contain a value."""
-    return min(span[0], value), max(span[1], value)
-
-
-def _measures(robot: Description) -> Anatomy:
-    """Trunk with arms from the middle of the legs up, and the soles."""
-    model = robot.model
-    bottom = model.hip_m / 2
-    return replace(
-        DARWIN,
-        hip_m=model.hip_m,
-        trunk_m=(model.depth_m, model.width_m, model.height_m - bottom),
-        trunk_bottom_m=bottom,
-        foot_m=(*model.foot_m, DARWIN.foot_m[2]),
-        ankle_m=max(abs(robot.legs.sole_m[2]), DARWIN.ankle_m),
-        foot_outward_m=0.0,
     )
 
 

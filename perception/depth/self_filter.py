@@ -5,7 +5,7 @@ by the part's margin and by three standard deviations of its direction from the 
 which the sensor mixes the part with what is behind it. So neither depth on the body nor the flying pixels at its edges
 become obstacles. Behind the body nothing is known, as behind any other thing.
 
-Source: ours; the hull of a projected hull is textbook (Hartley and Zisserman 2004, section 2.1).
+Source: ours.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 The cameras see these hulls, and the self-filter removes them. A hull is reduced to the corners that lie farthest in evenly
 spaced directions; it is then smaller by at most what `Hull.cut_m` says.
 
-Source: Barber et al. 1996 (Quickhull); Gonzalez 2010 (Fibonacci lattice); reading Collada by its specification 1.4.
+Source: Barber et al. 1996 (Quickhull); González 2010 (Fibonacci lattice); reading Collada by its specification 1.4.
 """
 
 from __future__ import annotations

@@ -21,15 +21,16 @@ def robots(as_json: bool) -> None:
       surefoot simulate home --robot g1
     """
     from perception.primitives.robot_model import DARWIN_OP
-    from sim.robots import description, installed
+    from sim.robots import catalogue, installed
+    from sim.robots.description import SENSORS
 
     listed: list[dict[str, Any]] = [
         {
-            "name": description.OWN,
+            "name": catalogue.OWN,
             "title": "our own, the size of a DARwIn-OP",
             "height_m": DARWIN_OP.height_m,
             "radius_m": DARWIN_OP.radius_m,
-            "cameras": list(description.SENSORS),
+            "cameras": list(SENSORS),
             "gaze": ["pan", "tilt"],
             "licence": "Apache-2.0",
             "origin": "this project",
@@ -37,8 +38,8 @@ def robots(as_json: bool) -> None:
             "installed": True,
         }
     ]
-    for name in description.names():
-        robot = description.load(name)
+    for name in catalogue.names():
+        robot = catalogue.load(name)
         listed.append(
             {
                 "name": name,

@@ -26,13 +26,12 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from perception.primitives import safe_input
 from perception.primitives.camera import Camera
 from perception.primitives.frame import Imu, StepOdometry
-from perception.primitives.kinematics import Joint, KinematicTree
 from perception.primitives.landmark import Landmark
-from perception.primitives.own_body import JointReading, OwnBody, OwnPart
 from perception.primitives.pose import Pose2, Pose3
 
 from ..foxglove import calibration, frame_id, timestamp, transform
 from .codec import EncodedAmplitude, EncodedDepth, EncodedFrame, EncodedPicture, EncodedStereo
+from .own_body_json import joints_from_json, joints_to_json, own_body_from_json, own_body_to_json
 from .recording import FrameError, RecordingInfo
 
 FRAME_TOPIC = "/frame"
@@ -137,8 +136,7 @@ def frame_messages(encoded: EncodedFrame) -> Iterator[tuple[str, Message | dict[
     if encoded.imu is not None:
         group.append(("/imu", {k: v.tolist() for k, v in vars(encoded.imu).items()}))
     if encoded.joints is not None:
-        reading = {"angles": encoded.joints.angles} | asdict(encoded.joints.T_body_base)
-        group.append(("/joints", {k: [float(v) for v in part] for k, part in reading.items()}))
+        group.append(("/joints", joints_to_json(encoded.joints)))
     closing["topics"] = [topic for topic, _ in group]
     yield from group
     yield FRAME_TOPIC, closing
@@ -174,7 +172,7 @@ def frame_from_messages(closing: Mapping[str, Any], data: Mapping[str, bytes]) -
         imu=_imu(parts.get("/imu")),
         T_world_camera=next((T for (parent, _), T in poses.items() if parent == _WORLD), None),
         footstep_due=closing["footstep_due"],
-        joints=_joints(parts.get("/joints")),
+        joints=joints_from_json(parts.get("/joints")),
     )
 
 
@@ -214,50 +212,6 @@ def info_from_json(values: Mapping[str, Any], frames: int | None) -> RecordingIn
         calibrated=values.get("calibrated", True),  # without the key: the simulated robot's
         own_body=own_body_from_json(values["own_body"]) if "own_body" in values else None,
     )
-
-
-def own_body_to_json(own: OwnBody) -> dict[str, Any]:
-    """Joints and convex parts of the robot."""
-    parts = [vars(part) | {"corners": part.corners.tolist()} for part in own.parts]
-    return {"joints": [asdict(joint) for joint in own.tree.joints], "parts": parts}
-
-
-def own_body_from_json(values: Mapping[str, Any]) -> OwnBody:
-    """The inverse of `own_body_to_json`.
-
-    Raises:
-        ValueError: A number is not finite, or a part is on no link.
-    """
-    joints = tuple(
-        Joint(
-            one["name"],
-            one["parent"],
-            _pose_of(one["origin"]),
-            _numbers(one["axis"], 3),
-            *_numbers([one["least_rad"], one["most_rad"]], 2),
-        )
-        for one in values["joints"]
-    )
-    parts = []
-    for one in values["parts"]:
-        corners = np.array([_numbers(corner, 3) for corner in one["corners"]]).reshape(-1, 3)
-        margin_m, sigma_rad = _numbers([one["margin_m"], one["angle_sigma_rad"]], 2)
-        if one["link"] not in range(len(joints) + 1) or not len(corners):
-            raise ValueError(f"part {one['name']!r} has no corners, or no link")
-        parts.append(OwnPart(one["name"], one["link"], corners, margin_m, sigma_rad))
-    return OwnBody(KinematicTree(joints), tuple(parts))
-
-
-def _pose_of(values: Mapping[str, Any]) -> Pose3:
-    return Pose3(_numbers(values["translation"], 3), _numbers(values["quat_xyzw"], 4))
-
-
-def _numbers(values: list[Any], count: int) -> Any:
-    """That many finite numbers, as a tuple."""
-    found = tuple(float(value) for value in values)
-    if len(found) != count or not np.isfinite(found).all():
-        raise ValueError(f"{values} are not {count} finite numbers")
-    return found
 
 
 def _raw(units: np.ndarray, part: str, stamp: Timestamp) -> RawImage:
@@ -374,12 +328,6 @@ def _imu(values: Mapping[str, list[float]] | None) -> Imu | None:
     if values is None:
         return None
     return Imu(np.array(values["angular_velocity"]), np.array(values["specific_force"]))
-
-
-def _joints(values: Mapping[str, list[float]] | None) -> JointReading | None:
-    if values is None:
-        return None
-    return JointReading(_pose_of(values), tuple(map(float, values["angles"])))
 
 
 def _list(array: np.ndarray | None) -> list[Any] | None:

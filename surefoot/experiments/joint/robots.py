@@ -15,7 +15,7 @@ import numpy as np
 from perception.primitives.errors import InputError
 from planning.planners.mission import MissionConfig
 from sim.robot import RobotConfig
-from sim.robots import description, installed
+from sim.robots import catalogue, installed
 
 from ...config.presets import fitted
 from ...config.schema import Config
@@ -44,8 +44,8 @@ def there() -> list[str]:
     """
     found = [
         name
-        for name in description.names()
-        if installed.folder(description.load(name).package) is not None
+        for name in catalogue.names()
+        if installed.folder(catalogue.load(name).package) is not None
     ]
     if not found:
         raise InputError(f"no robot model is installed; run: {installed.EXTRA}")

@@ -9,16 +9,16 @@ import pytest
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.robot_model import RADIUS_M
 from sim.robot import RobotConfig, grown
-from sim.robots import description, installed
+from sim.robots import catalogue, installed
 from sim.robots.jointed import jointed
 
 LITTLE = Path(__file__).resolve().parents[2] / "little_robot"
 TEXT = (LITTLE / "little.toml").read_text()
 
 
-@pytest.mark.parametrize("name", description.names())
+@pytest.mark.parametrize("name", catalogue.names())
 def test_our_descriptions_are_read_without_their_packages(name):
-    robot = description.load(name)
+    robot = catalogue.load(name)
     model = robot.model
     assert (robot.title, robot.licence, robot.origin) != ("", "", "")
     assert len(set(robot.moving)) == 14
@@ -32,7 +32,7 @@ def test_our_descriptions_are_read_without_their_packages(name):
 
 
 def test_what_a_description_says_reaches_the_models_of_gait_gaze_and_cameras():
-    robot = description.read(LITTLE / "little.toml")
+    robot = catalogue.read(LITTLE / "little.toml")
     config = grown(RobotConfig(model=str(LITTLE / "little.toml")))
     assert robot.model.head.tilt_deg == config.head.tilt_deg == (15.0, 65.0)
     assert (config.gait.stance_width_m, config.gait.com_height_m) == (0.16, 0.5)
@@ -71,7 +71,7 @@ def changed(tmp_path, old, new):
 def test_a_mistake_in_a_description_is_named(tmp_path, old, new, message):
     path = changed(tmp_path, old, new)
     with pytest.raises(InputError, match=re.escape(message)) as caught:
-        description.load(str(path))
+        catalogue.load(str(path))
     assert str(path) in str(caught.value)
 
 
@@ -90,7 +90,7 @@ def test_a_mistake_in_a_description_is_named(tmp_path, old, new, message):
     ],
 )
 def test_a_description_that_its_urdf_contradicts_is_refused(tmp_path, old, new, message):
-    robot = description.load(str(changed(tmp_path, old, new)))
+    robot = catalogue.load(str(changed(tmp_path, old, new)))
     with pytest.raises(InputError, match=re.escape(message)):
         jointed(robot)
 
@@ -99,7 +99,7 @@ def test_an_unknown_robot_a_missing_package_and_a_dynamic_body_say_what_to_do(mo
     with pytest.raises(
         ConfigError, match=r"model='taloss' is unknown; did you mean 'talos'\? choose surefoot"
     ):
-        description.load("taloss")
+        catalogue.load("taloss")
     with pytest.raises(ConfigError, match="has no dynamic body; set body='kinematic'"):
         RobotConfig(model="g1", body="dynamic")
 
@@ -111,4 +111,4 @@ def test_an_unknown_robot_a_missing_package_and_a_dynamic_body_say_what_to_do(mo
     with pytest.raises(
         InputError, match=r"robot 'g1' needs the package example-robot-data.*pip install"
     ):
-        description.load("g1").urdf_path()
+        catalogue.load("g1").urdf_path()

@@ -32,9 +32,8 @@ from surefoot.recordings.mcap_messages import (
     FORMAT,
     frame_messages,
     info_to_json,
-    own_body_from_json,
-    own_body_to_json,
 )
+from surefoot.recordings.own_body_json import own_body_from_json, own_body_to_json
 from surefoot.recordings.recording import RecordingInfo
 
 INFO = RecordingInfo(
