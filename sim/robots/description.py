@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -124,6 +125,6 @@ class Description:
         if self.package:
             return installed.file(self.package, self.urdf, f"robot {self.file.stem!r}")
         path = self.file.parent / self.urdf
-        if not path.is_file():
+        if not os.path.isfile(path):  # also for an impossible name
             raise InputError(f"{self.file}: urdf = {self.urdf!r}: no such file; looked for {path}")
         return path

@@ -5,6 +5,7 @@ The wheels of cmeel put their data below `cmeel.prefix/share` of the site's pack
 
 from __future__ import annotations
 
+import os
 from importlib import metadata
 from pathlib import Path
 
@@ -53,7 +54,7 @@ def file(distribution: str, name: str, wanted_by: str) -> Path:
             f"{wanted_by} needs the package {distribution}, which is not installed; run: {EXTRA}"
         )
     path = place / name
-    if not path.is_file():
+    if not os.path.isfile(path):  # also for an impossible name
         raise InputError(
             f"{wanted_by}: {distribution} {version(distribution)} has no file {name}; looked in {place}"
         )

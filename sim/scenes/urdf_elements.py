@@ -6,6 +6,7 @@ limits; an error names the file, the element and what was expected.
 
 from __future__ import annotations
 
+import os
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -51,7 +52,7 @@ def referenced(name: str, path: Path) -> Path:
     plain = name.split("://")[-1]
     beside = [path.parent / plain, path.parent / plain.split("/", 1)[-1]]
     above = [up / plain.split("/", 1)[-1] for up in list(path.parents)[1:ABOVE]]
-    file = next((place for place in beside + above if place.is_file()), None)
+    file = next((place for place in beside + above if os.path.isfile(place)), None)
     if file is None:
         looked = " and ".join(dict.fromkeys(str(place) for place in beside))
         raise InputError(
