@@ -3,33 +3,43 @@
 It delivers two frames per step: 0.2 s before the end of single support, and at its end, when the gait takes the next
 command. Colour and stereo cameras take images at the end only, unless image pairs are enabled. A `Frame` holds sensor
 readings only: `T_body_camera` comes from the encoders, odometry from the joints. The body is kinematic (exact
-footsteps with drawn slip and sway) or dynamic (`sim.body.dynamic`: servos and soles in a physics engine).
+footsteps with drawn slip and sway) or dynamic (`sim.body.dynamic`: servos and soles in a physics engine). A robot that
+is described by a URDF (`sim.robots`) has a kinematic body, and its cameras see its own links.
 
 Source: seed 000, section 2.1.1 (image times); seeds 003 and 004 (cameras).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.frame import ColourView, Frame, RangeView, StepOdometry, StereoView
+from perception.primitives.own_body import OwnBody
 from perception.primitives.pose import Pose2, Pose3
 from perception.primitives.settings import setting
 from planning.commands import GazeCommand, WalkCommand
 
 from .body.body import Advance, Body
-from .body.dynamic.anatomy import DARWIN, gait_for, head_for
+from .body.described import gait_of, head_of, measures_of
+from .body.dynamic.anatomy import DARWIN, Anatomy, gait_for, head_for
 from .body.dynamic.config import DynamicConfig
 from .body.dynamic.walker import DynamicBody
 from .body.gait import GaitConfig
 from .body.head import Head, HeadConfig
 from .body.inertial import ImuConfig, InertialSensor
+from .body.jointed import JointedHead, JointedLegs, solids_of
 from .body.kinematic import KinematicBody, SlipConfig, SwayConfig
+from .free_space import ROBOT_TOP_M
 from .ranges import check_ranges
 from .rendering.motion import STATIONARY, Motion, motion_between
+from .robots import catalogue
+from .robots.description import Description, Sensor
+from .robots.jointed import JointedRobot, jointed
+from .scenes.walker import SMALL, Walker
 from .sensors.cameras import ImageConfig, colour_picture, stereo_pair
 from .sensors.tof_camera import TofCamera, TofConfig
 from .world import RANGE_SOURCES, World
@@ -48,6 +58,12 @@ class RobotConfig:
     head are those of a DARwIn-OP and scale with the body.
     """
 
+    model: str = setting(
+        catalogue.OWN,
+        "",
+        "surefoot, g1, talos, icub, or a .toml file that describes a robot",
+        "ours",
+    )
     body: str = setting(
         "kinematic",
         "",
@@ -91,6 +107,30 @@ class RobotConfig:
     )  # ours, the left camera: f = 554 px
 
     @property
+    def described(self) -> Description | None:
+        """The description of a robot with a URDF; None for our own.
+
+        Raises:
+            ConfigError, InputError: It is unknown, or its file is wrong.
+        """
+        return None if self.model == catalogue.OWN else catalogue.load(self.model)
+
+    @property
+    def measures(self) -> Anatomy:
+        """Sizes of trunk and feet, for contact."""
+        found = self.described
+        return self.dynamic.body if found is None else measures_of(found)
+
+    @property
+    def walker(self) -> Walker:
+        """The robot as scenes know it; for our own they are made as they are."""
+        found = self.described
+        if found is None:
+            return SMALL
+        model = found.model
+        return Walker(max(1.0, model.breadth), max(ROBOT_TOP_M, model.height_m))
+
+    @property
     def needs_pybullet(self) -> bool:
         """Whether PyBullet renders images or ranges, or moves the body."""
         rendered = self.tof and self.tof_source == "camera"
@@ -99,6 +139,10 @@ class RobotConfig:
     def __post_init__(self) -> None:
         if self.body not in BODIES:
             raise ConfigError(f"robot: body={self.body!r} is unknown; choose {', '.join(BODIES)}")
+        if self.body == "dynamic" and self.model != catalogue.OWN:
+            raise ConfigError(
+                f"robot: model={self.model!r} has no dynamic body; set body='kinematic'"
+            )
         if self.tof_source not in RANGE_SOURCES:
             raise ConfigError(
                 f"robot: tof_source={self.tof_source!r} is unknown; choose {', '.join(RANGE_SOURCES)}"
@@ -114,6 +158,9 @@ class RobotConfig:
 
 def grown(config: RobotConfig) -> RobotConfig:
     """The same with gait, head and cameras where this body has them."""
+    found = config.described
+    if found is not None:
+        return _described(config, found)
     body = config.dynamic.body
     factor = body.hip_m / DARWIN.hip_m
     if factor == 1.0:
@@ -135,6 +182,42 @@ def grown(config: RobotConfig) -> RobotConfig:
     )
 
 
+def _described(config: RobotConfig, robot: Description) -> RobotConfig:
+    """Gait, gaze and cameras of a description; noise and timing of the cameras stay as configured."""
+    config = replace(config, gait=gait_of(robot, config.gait), head=head_of(robot, config.head))
+    tof, stereo, colour = (robot.sensor(name) for name in ("tof", "stereo", "colour"))
+    if tof is not None:
+        pixels = replace(
+            config.tof_camera,
+            width=tof.width,
+            height=tof.height,
+            across_deg=tof.across_deg,
+            down_deg=tof.down_deg,
+        )
+        config = replace(config, tof_camera=pixels, tof_mount_m=tof.at_m)
+    if stereo is not None:
+        pair = _pixels(config.stereo_camera, stereo)
+        config = replace(config, stereo_camera=pair, baseline_m=stereo.baseline_m)
+    if colour is not None:
+        config = replace(config, colour_camera=_pixels(config.colour_camera, colour))
+    return replace(
+        config,
+        tof=config.tof and tof is not None,
+        stereo=config.stereo and stereo is not None,
+        colour=config.colour and colour is not None,
+    )
+
+
+def _pixels(camera: ImageConfig, sensor: Sensor) -> ImageConfig:
+    return replace(
+        camera,
+        width=sensor.width,
+        height=sensor.height,
+        across_deg=sensor.across_deg,
+        mount_m=sensor.at_m,
+    )
+
+
 class SimulatedRobot:
     """A robot to drive: `read` a frame, `walk`, `look`."""
 
@@ -144,8 +227,15 @@ class SimulatedRobot:
         streams = np.random.SeedSequence([seed, 30]).spawn(6)
         body, head, imu, tof, colour, stereo = (np.random.default_rng(s) for s in streams)
         self.body: Body
-        self._head = Head(config.head, head)
+        self._head: Head | JointedHead
+        self._legs: JointedLegs | None = None
+        found = config.described
+        if found is not None:
+            self._head = JointedHead(jointed(found), config.head, head)
+        else:
+            self._head = Head(config.head, head)
         if config.body == "dynamic":
+            assert isinstance(self._head, Head)
             self.body = DynamicBody(
                 world, config.gait, config.dynamic, config.imu, self._head, body
             )
@@ -154,6 +244,15 @@ class SimulatedRobot:
             self.body = KinematicBody(
                 world.scene.start, config.gait, config.slip, config.sway, inertial, self._head, body
             )
+        if isinstance(self._head, JointedHead):
+            self._legs = JointedLegs(self._head, self.body)
+            own = self._own_body(self._head.robot)
+            solids = solids_of(self._head.robot, own)
+            self._shown = tuple(solids)
+            world.carry(tuple(solids.values()))
+            self.own_body: OwnBody | None = own
+        else:
+            self.own_body = None
         self._tof = TofCamera(config.tof_camera, tof) if config.tof else None
         self._colour_rng, self._stereo_rng = colour, stereo
         self._motions: dict[tuple[float, float, float], Motion] = {}  # of cameras with an exposure
@@ -188,6 +287,9 @@ class SimulatedRobot:
         imu = self.body.measure_imu()
         ends = self.body.ticks_left == 0
         looks = ends or self.config.image_pairs
+        if self._legs is not None:
+            poses = self._legs.true_links()
+            self.world.pose_links([poses[link] for link in self._shown])
         return Frame(
             stamp_s=self.world.stamp_s,
             tof=self._range_view(),
@@ -196,6 +298,7 @@ class SimulatedRobot:
             odometry=StepOdometry(advance.motion, advance.steps),
             imu=imu,
             footstep_due=ends,
+            joints=None if self._legs is None else self._legs.reading(),
         )
 
     def walk(self, command: WalkCommand) -> None:
@@ -231,6 +334,14 @@ class SimulatedRobot:
     def measured_camera(self, mount: tuple[float, float, float]) -> Pose3:
         """Camera in the body frame as the encoders give it."""
         return self.body.trunk_from_encoders() @ self._head.camera_from_encoders(mount)
+
+    def _own_body(self, robot: JointedRobot) -> OwnBody:
+        """What its cameras may see of it, with the doubt of joints and trunk."""
+        head, sway = self.config.head, self.config.sway
+        joint = math.hypot(head.offset_deg, head.encoder_deg / math.sqrt(12.0))
+        trunk = math.hypot(sway.roll_deg, sway.pitch_deg, sway.yaw_deg)
+        mounts = list(self.cameras().values())
+        return robot.own_body(math.radians(joint), math.radians(trunk), mounts)
 
     def _advance_to_frame(self, ticks: int) -> Advance:
         """Advance body, head and world; with an exposure time the last tick on its own, to measure camera motion."""

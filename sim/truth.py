@@ -15,9 +15,9 @@ from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose2, Pose3
 
 from .contact import nearest, robot_solid
-from .free_space import ROBOT_TOP_M
 from .robot import SimulatedRobot
 from .scene import StaticObject
+from .sensors.tof_camera import finer
 from .shapes import Cylinder, Shape, distance, outline
 
 ON_SURFACE_M = 0.03  # ours: a ray that ends this close to a point shows it
@@ -33,10 +33,12 @@ class Truth:
         self._robot = robot
         self._world = robot.world
         self._scene = robot.world.scene
+        self._measures = robot.config.measures
+        self._top_m = robot.config.walker.top_m
         self._still = [
             (FIRST_STATIC_ID + k, x, y, 0.0, 0.0, radius, max(part.top_m for part in item.parts))
             for k, item in enumerate(self._scene.obstacles)
-            for x, y, radius in [_circle(item)]
+            for x, y, radius in [_circle(item, self._top_m)]
         ]
 
     def robot_pose(self) -> Pose2:
@@ -66,7 +68,7 @@ class Truth:
     def obstacles(self) -> list[ObstacleTruth]:
         """(id, x, y, vx, vy, radius, height) of moving and static obstacles, m and m/s.
 
-        The radius is that of the smallest circle about the centre of the outline below 0.5 m.
+        The radius is that of the smallest circle about the centre of the outline below the robot's top.
         """
         found: list[ObstacleTruth] = []
         states = zip(self._scene.moving_objects, self._world.moving_states(), strict=True)
@@ -80,10 +82,10 @@ class Truth:
         return [*moving, *(item.name for item in self._scene.obstacles)]
 
     def outlines(self) -> list[tuple[int, str, float, list[Float[np.ndarray, "k 2"]]]]:
-        """(id, name, height, convex outlines of the parts below 0.5 m) of the static obstacles, world frame, m."""
+        """(id, name, height, convex outlines of the parts below the robot's top) of the static obstacles, world frame, m."""
         found = []
         for k, item in enumerate(self._scene.obstacles):
-            parts = [outline(part) for part in item.parts if part.bottom_m < ROBOT_TOP_M]
+            parts = [outline(part) for part in item.parts if part.bottom_m < self._top_m]
             height = max(part.top_m for part in item.parts)
             found.append((FIRST_STATIC_ID + k, item.name, height, parts))
         return found
@@ -105,22 +107,42 @@ class Truth:
             seen[near] = np.abs(hits.distance_m - distance_m) < ON_SURFACE_M
         return seen
 
+    def own_pixels(self, camera: str) -> Bool[np.ndarray, "h w"] | None:
+        """Pixels of a depth camera of which any ray meets the robot itself; None where its links are not in the world.
+
+        Raises:
+            InputError: for a camera that measures no depth.
+        """
+        config = self._robot.config
+        sizes = {
+            "tof": (config.tof_camera.camera, config.tof_camera.sub_rays),
+            "stereo": (config.stereo_camera.camera, 1),
+        }
+        if camera not in sizes:
+            raise InputError(f"camera {camera!r} measures no depth; choose {', '.join(sizes)}")
+        if not self._world.carries:
+            return None
+        pixels, count = sizes[camera]
+        seen = self._world.rays.shows_links(finer(pixels, count), self.camera_pose(camera))
+        parts = seen.reshape(pixels.height, count, pixels.width, count)
+        return np.asarray(parts.any(axis=(1, 3)))
+
     def clearance_m(self) -> tuple[float, str]:
         """Distance from the robot's solid to the nearest object, m, and the object's name.
 
         Zero or less means contact. The solid has the dimensions of `robot.dynamic.anatomy` for both bodies.
         """
-        solid = robot_solid(self._robot.body, self._robot.config.dynamic.body)
+        solid = robot_solid(self._robot.body, self._measures)
         found = nearest(solid, self._scene.static_shapes + self._moving_shapes())
         return found.gap_m, found.name
 
     def occupied(self, points: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
-        """Whether points on the floor are covered by an object below 0.5 m or lie outside the walls."""
+        """Whether points on the floor are covered by an object below the robot's top or lie outside the walls."""
         x0, y0, x1, y1 = self._scene.extent
         x, y = points[:, 0], points[:, 1]
         covered = (x < x0) | (x > x1) | (y < y0) | (y > y1)
         for _, shape in self._scene.static_shapes + self._moving_shapes():
-            if shape.bottom_m < ROBOT_TOP_M:
+            if shape.bottom_m < self._top_m:
                 covered |= distance(shape, points) < 0.0
         return np.asarray(covered)
 
@@ -135,10 +157,10 @@ class Truth:
         return shapes
 
 
-def _circle(item: StaticObject) -> tuple[float, float, float]:
+def _circle(item: StaticObject, top_m: float) -> tuple[float, float, float]:
     """Centre and radius of a circle around an object's outline below the robot's top."""
     corners = np.concatenate(
-        [outline(part) for part in item.parts if part.bottom_m < ROBOT_TOP_M]
+        [outline(part) for part in item.parts if part.bottom_m < top_m]
         or [outline(part) for part in item.parts]
     )
     x, y = ((float(a) + float(b)) / 2 for a, b in zip(corners.min(0), corners.max(0), strict=True))

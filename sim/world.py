@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float32, UInt8
 
@@ -16,6 +18,7 @@ from .rendering.rays import RayCaster
 from .rendering.renderer import Renderer, choose_renderer
 from .rendering.surfaces import RangeSource
 from .scene import MovingState, Place, Scene
+from .shapes import Solid
 
 RANGE_SOURCES = ("camera", "rays")
 
@@ -33,6 +36,8 @@ class World:
         self.scene = scene
         self.stamp_s = 0.0
         self.renderer = choose_renderer(renderer)
+        self._links: tuple[tuple[Solid, ...], ...] = ()
+        self._link_poses: tuple[Pose3, ...] = ()
         self._traffic = Traffic(scene, seed)
         self._traffic.advance_to(0.0)
         self._caster: RayCaster | None = None
@@ -73,6 +78,19 @@ class World:
         """The same of every piece of `Scene.moving_bodies`."""
         return self._traffic.body_states(self.stamp_s + after_s)
 
+    def carry(self, links: Sequence[tuple[Solid, ...]]) -> None:
+        """Add the links of a robot, each about its own frame; before the first picture."""
+        self._links = tuple(links)
+
+    def pose_links(self, poses: Sequence[Pose3]) -> None:
+        """Where the links of the robot are now, world frame."""
+        self._link_poses = tuple(poses)
+
+    @property
+    def carries(self) -> bool:
+        """Whether the links of a robot are in it."""
+        return bool(self._links)
+
     @property
     def rays(self) -> RayCaster:
         """Ray caster for the current time, built at the first call."""
@@ -81,8 +99,8 @@ class World:
     def rays_after(self, after_s: float) -> RayCaster:
         """The same caster with the moving objects where they are after a time."""
         if self._caster is None:
-            self._caster = RayCaster(self.scene)
-        self._caster.place(self._places(after_s))
+            self._caster = RayCaster(self.scene, self._links)
+        self._caster.place(self._places(after_s), self._link_poses)
         return self._caster
 
     def ranges(self, source: str = "camera", after_s: float = 0.0) -> RangeSource:
@@ -95,8 +113,9 @@ class World:
         if source == "rays":
             return self.rays_after(after_s)
         if self._numbered is None:
-            self._numbered = NumberedScene(self.scene, self._renderer())
+            self._numbered = NumberedScene(self.scene, self._renderer(), self._links)
         self._numbered.place(self._places(after_s))
+        self._numbered.pose_links(self._link_poses)
         return self._numbered
 
     def picture(
@@ -111,8 +130,9 @@ class World:
 
     def _placed_pictures(self, after_s: float = 0.0) -> Pictures:
         if self._pictures is None:
-            self._pictures = Pictures(self.scene, self._renderer())
+            self._pictures = Pictures(self.scene, self._renderer(), self._links)
         self._pictures.place(self._places(after_s))
+        self._pictures.pose_links(self._link_poses)
         return self._pictures
 
     def _places(self, after_s: float) -> list[tuple[float, float]]:

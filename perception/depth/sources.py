@@ -18,8 +18,10 @@ from jaxtyping import UInt8
 from ..primitives import plugins
 from ..primitives.errors import InputError
 from ..primitives.frame import ColourView, Depth, DepthView, Frame
+from ..primitives.own_body import OwnBody
 from . import stereo, structured_light, time_of_flight
 from .rectification import rectified
+from .self_filter import without_self
 from .stereo import StereoConfig
 from .structured_light import StructuredLightConfig
 from .time_of_flight import TofConfig
@@ -29,6 +31,9 @@ SENSORS = ("tof", "depth", "stereo")
 
 Stage = Callable[[str], AbstractContextManager[object]]
 """Times a block under a name, as `Stopwatch.stage` does."""
+
+MIXED_PX, STEREO_MIXED_PX = 1.5, 6.0
+"""Ours: pixels over which a sensor mixes a near edge with what is behind it; of stereo half the blocks it matches."""
 
 FOR_ODOMETRY = ("depth", "stereo", "tof")  # ours: by field of view and resolution
 
@@ -67,12 +72,14 @@ class DepthSources:
         structured_light: Noise of an RGB-D camera.
         stereo: Matcher and thresholds of the stereo pair.
         names: The sources to use, of `SENSORS` or "package.module:Class".
+        own_body: What is removed from every image, at the joint angles of the frame; None: nothing.
     """
 
     tof: TofConfig = field(default_factory=TofConfig)
     structured_light: StructuredLightConfig = field(default_factory=StructuredLightConfig)
     stereo: StereoConfig = field(default_factory=StereoConfig)
     names: tuple[str, ...] = SENSORS
+    own_body: OwnBody | None = None
 
     def __post_init__(self) -> None:
         self._frame: Frame | None = None
@@ -110,6 +117,13 @@ class DepthSources:
             elif getattr(frame, sensor) is not None:
                 with stage("stereo" if sensor == "stereo" else "depth"):
                     self._images[sensor] = self._measure(frame, sensor)
+            found = self._images.get(sensor)
+            if found is not None and self.own_body is not None:
+                mixed_px = STEREO_MIXED_PX if sensor == "stereo" else MIXED_PX
+                with stage("self-filter"):
+                    self._images[sensor] = without_self(
+                        found, self.own_body, frame.joints, mixed_px
+                    )
         return self._images.get(sensor)
 
     def for_odometry(self, frame: Frame) -> DepthImage | None:

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from .camera import Camera
+from .own_body import JointReading
 from .pose import Pose2, Pose3
 
 
@@ -122,6 +123,7 @@ class Frame:
         T_world_camera: Pose of the depth camera given by the recording (motion capture, another SLAM system);
             None in a live run.
         footstep_due: Whether the gait needs its next walk command at this instant.
+        joints: Angles of all joints; None where the robot's own body is not known.
     """
 
     stamp_s: float
@@ -133,3 +135,4 @@ class Frame:
     imu: Imu | None = None
     T_world_camera: Pose3 | None = None
     footstep_due: bool = False
+    joints: JointReading | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -54,6 +55,13 @@ class HeadConfig:
         )
         if not self.tilt_deg[0] <= self.tilt_deg[1]:
             raise ConfigError(f"head: tilt_deg={self.tilt_deg} must be (highest, lowest)")
+
+
+class MovingHead(Protocol):
+    """What a kinematic body asks of the joints above it."""
+
+    def advance(self, seconds: float) -> None:
+        """Move the joints towards the gaze."""
 
 
 class Head:

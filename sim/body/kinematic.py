@@ -23,7 +23,7 @@ from planning.commands import WalkCommand
 from ..ranges import check_ranges
 from .body import Advance
 from .gait import Gait, GaitConfig, Step
-from .head import Head
+from .head import MovingHead
 from .inertial import InertialSensor, TrunkState
 
 
@@ -98,7 +98,7 @@ class KinematicBody:
         slip: SlipConfig,
         sway: SwayConfig,
         inertial: InertialSensor,
-        head: Head,
+        head: MovingHead,
         rng: np.random.Generator,
     ) -> None:
         self._gait = Gait(gait)

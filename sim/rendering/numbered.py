@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -19,8 +20,9 @@ from perception.primitives.camera import Camera
 from perception.primitives.pose import Pose3
 
 from ..scene import Scene
+from ..shapes import Solid
 from .renderer import FAR_M, Renderer, TexturedMesh, depth_m
-from .surfaces import Hits, Surfaces, scene_surfaces, unit_rays
+from .surfaces import Hits, Surfaces, link_surfaces, scene_surfaces, unit_rays
 
 NEAR_M = 0.1  # ours: steps of EGL's depth of 0.15 mm at 1 m; an SR-4000 measures from 0.3 m
 ASIDE_M = 64.0  # ours: neither scene sees the other; single precision is 4e-6 m there
@@ -30,26 +32,40 @@ _DOT_PX = 4  # ours: side of a number's square in the texture, so that no render
 class NumberedScene:
     """The twin of a scene in a renderer; `place` the moving objects before looking."""
 
-    def __init__(self, scene: Scene, renderer: Renderer) -> None:
+    def __init__(
+        self, scene: Scene, renderer: Renderer, links: Sequence[Sequence[Solid]] = ()
+    ) -> None:
         self._renderer = renderer
         self._aside_m = max(ASIDE_M, scene.extent[2] - scene.extent[0] + 2.0 * FAR_M)
         still, moving_objects = scene_surfaces(scene)
-        everything = [still, *moving_objects]
+        everything = [still, *moving_objects, *link_surfaces(links)]
         normals = np.concatenate([_normals(part) for part in everything])
         self._normals = normals.astype(np.float32)
         self._albedo = np.concatenate([part.albedo for part in everything])
         dots = _Dots(len(normals))
-        first, bodies = 0, []
+        first, bodies, spans = 0, [], []
         for part in everything:
             bodies.append(renderer.show(dots.mesh(part, first)))
+            spans.append(slice(first, first + len(part.triangles)))
             first += len(part.triangles)
         renderer.place(bodies[0], self._aside_m, 0.0)
-        self._moving = bodies[1:]
+        count = 1 + len(moving_objects)
+        self._moving = bodies[1:count]
+        self._links = list(zip(bodies[count:], spans[count:], strict=True))
+        self._link_normals = [normals[span] for span in spans[count:]]
 
     def place(self, where: Sequence[tuple[float, float]]) -> None:
         """Move the moving objects to these (x, y), m."""
         for body, (x, y) in zip(self._moving, where, strict=True):
             self._renderer.place(body, self._aside_m + x, y)
+
+    def pose_links(self, poses: Sequence[Pose3]) -> None:
+        """Move and turn the links of the robot."""
+        placed = zip(self._links, self._link_normals, poses, strict=True)
+        for (body, span), normals, T_world_link in placed:
+            x, y, z = T_world_link.translation
+            self._renderer.pose(body, replace(T_world_link, translation=(self._aside_m + x, y, z)))
+            self._normals[span] = normals @ T_world_link.rotation.T
 
     def look(self, camera: Camera, T_world_camera: Pose3) -> Hits:
         """What the ray of each pixel meets between `NEAR_M` and `FAR_M` of depth, row by row."""

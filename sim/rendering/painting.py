@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from ..scene import Extent, FloorArea, Scene
-from ..shapes import Patch, Shape, outline, patches
+from ..shapes import Patch, Shape, Solid, outline, patches
 from .renderer import TexturedMesh
 from .surfaces import floor_patch
 from .textures import paint
@@ -51,6 +51,15 @@ def paint_scene(scene: Scene) -> tuple[list[TexturedMesh], list[TexturedMesh]]:
         surfaces = [p for part in parts for p in patches(part)]
         moving_bodies.append(_paint(surfaces, rng, SURFACE_RESOLUTION_M))
     return still, moving_bodies
+
+
+def paint_links(links: Sequence[Sequence[Solid]]) -> list[TexturedMesh]:
+    """Meshes of the robot's own links, each about its own frame."""
+    rng = np.random.default_rng(13)
+    return [
+        _paint([p for part in parts for p in patches(part)], rng, SURFACE_RESOLUTION_M)
+        for parts in links
+    ]
 
 
 def _coarser(scene: Scene) -> float:

@@ -158,6 +158,12 @@ class Renderer:
             body, [x, y, z], [0.0, 0.0, 0.0, 1.0], physicsClientId=self._client
         )
 
+    def pose(self, body: int, T_world_body: Pose3) -> None:
+        """Move and turn a body."""
+        self._bullet.resetBasePositionAndOrientation(
+            body, T_world_body.translation, T_world_body.quat_xyzw, physicsClientId=self._client
+        )
+
     def render(
         self, camera: Camera, T_world_camera: Pose3, near_m: float
     ) -> tuple[UInt8[np.ndarray, "h w 4"], Float32[np.ndarray, "h w"]]:

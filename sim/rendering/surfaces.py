@@ -5,6 +5,7 @@ Ray casting (`rays`) and PyBullet's cameras (`numbered`) answer alike: both show
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Protocol, runtime_checkable
@@ -16,7 +17,9 @@ from perception.primitives.camera import Camera
 from perception.primitives.pose import Pose3
 
 from ..scene import Scene
-from ..shapes import Patch, patches, rectangle
+from ..shapes import Patch, Solid, patches, rectangle
+
+LINK_ALBEDO = 0.5  # ours: infrared reflectance of a robot's shell
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,14 @@ def scene_surfaces(scene: Scene) -> tuple[Surfaces, list[Surfaces]]:
         for _, parts, albedo in scene.moving_bodies
     ]
     return _joined(still), [_joined(parts) for parts in moving]
+
+
+def link_surfaces(links: Sequence[Sequence[Solid]]) -> list[Surfaces]:
+    """Surfaces of the robot's own links, each about its own frame."""
+    return [
+        _joined([(patch, LINK_ALBEDO) for part in parts for patch in patches(part)])
+        for parts in links
+    ]
 
 
 def floor_patch(scene: Scene) -> Patch:

@@ -25,6 +25,7 @@ from . import (
 )
 from . import difficulty as difficulties
 from .scene_file import read_scene
+from .walker import SMALL, Walker
 
 AS_DRAWN = MoversConfig()
 
@@ -39,6 +40,7 @@ def load(
     seed: int,
     difficulty: float = difficulties.USUAL,
     movers: MoversConfig = AS_DRAWN,
+    walker: Walker = SMALL,
 ) -> Scene:
     """Load a scene by name or from a user's file; the same arguments give the same scene.
 
@@ -49,6 +51,7 @@ def load(
             paper specifies (robots_room, narrow_course, boxes, avoidance_*), scenes for measurements (empty_room,
             plain_room) and user files ignore it.
         movers: Laws of the moving objects; by default as the scene sets them.
+        walker: For whom it is made; only scenes that grow with it do, of ours `home`.
 
     Raises:
         InputError: for an unknown name, an invalid seed or difficulty, or an unreadable file.
@@ -65,6 +68,8 @@ def load(
         )
     if seed < 0:
         raise InputError(f"scene {name!r}: seed {seed} must not be negative; choose 0 or more")
+    if name == "home":
+        return populated(home.home(seed, difficulty, walker), movers)
     return populated(known[name](seed, difficulty), movers)
 
 

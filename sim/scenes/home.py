@@ -2,7 +2,8 @@
 
 Furniture is placed along the walls first, then inside the rooms; small robots move back and forth across the path to
 the first goal. Layouts that a body of 28 cm radius cannot cross at every position of the robots are drawn again. A
-harder home has more pieces, narrower passages, a longer partition, and more and faster robots. Source: ours.
+harder home has more pieces, narrower passages, a longer partition, and more and faster robots. For a broader robot the
+rooms and passages grow with it, and the furniture stays as it is. Source: ours.
 """
 
 from __future__ import annotations
@@ -16,14 +17,16 @@ from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
 from ..free_space import ClearanceMap, clearance_map
-from ..scene import FloorArea, MovingObject, Place, Scene, StaticObject
+from ..rendering.textures import MOST_TAGS
+from ..scene import Extent, FloorArea, MovingObject, Place, Scene, StaticObject
 from ..shapes import Box, distance
 from .difficulty import USUAL, interpolated, interpolated_count, interpolated_span
 from .furniture import CATALOGUE, LEAST_PIECES, PASSAGE_M, Model, Piece, furnish
 from .rooms import heading_towards, small_robot, walls
 from .tags import place_tags
+from .walker import SMALL, Walker
 
-EXTENT = (0.0, 0.0, 6.4, 5.0)
+SIZE_M = (6.4, 5.0)  # ours; this and all lengths below for a breadth of 1
 WALKER_RADIUS_M = 0.28  # ours: body of 0.15 and a margin for planning
 DRAWS = 200  # ours: seeds 0 to 19 need one to three
 _MOVER_RADIUS_M = 0.10
@@ -32,6 +35,8 @@ _COLOURS = ("orange", "lime", "violet", "navy", "red")
 
 @dataclass(frozen=True)
 class _Layout:
+    extent: Extent
+    walker: Walker
     static_objects: tuple[StaticObject, ...]
     space: ClearanceMap
     path: np.ndarray
@@ -39,11 +44,13 @@ class _Layout:
     goals: tuple[Place, ...]
 
 
-def home(seed: int, difficulty: float = USUAL) -> Scene:
-    """The home of a seed."""
+def home(seed: int, difficulty: float = USUAL, walker: Walker = SMALL) -> Scene:
+    """The home of a seed, for a robot."""
+    b = walker.breadth
+    extent = (0.0, 0.0, b * SIZE_M[0], b * SIZE_M[1])
     rng = np.random.default_rng([seed, 1])
     for _ in range(DRAWS):
-        layout = _lay_out(rng, difficulty)
+        layout = _lay_out(rng, difficulty, extent, walker)
         moving_objects = None if layout is None else _set_going(layout, rng, difficulty)
         if layout is None or moving_objects is None:
             continue
@@ -51,12 +58,18 @@ def home(seed: int, difficulty: float = USUAL) -> Scene:
             continue
         heading = heading_towards(layout.start, tuple(layout.path[min(12, len(layout.path) - 1)]))
         start = Pose2(*layout.start, heading)
-        plates, landmarks = place_tags(EXTENT, layout.static_objects, start, count=24)
+        plates, landmarks = place_tags(
+            extent,
+            layout.static_objects,
+            start,
+            count=min(MOST_TAGS, round(24 * b)),
+            cell_m=0.25 * b,
+        )
         return Scene(
             "home",
             seed,
-            EXTENT,
-            _flooring(rng),
+            extent,
+            _flooring(rng, extent, b),
             layout.static_objects + plates,
             moving_objects,
             landmarks,
@@ -68,60 +81,65 @@ def home(seed: int, difficulty: float = USUAL) -> Scene:
     )
 
 
-def _flooring(rng: np.random.Generator) -> tuple[FloorArea, ...]:
-    _, y0, x1, y1 = EXTENT
+def _flooring(rng: np.random.Generator, extent: Extent, b: float) -> tuple[FloorArea, ...]:
+    _, y0, x1, y1 = extent
     rug = str(rng.choice(["rug/teal", "rug/rust", "rug/plum", "rug/navy"]))
     x, y = float(rng.uniform(0.9, 1.3)), float(rng.uniform(1.4, 2.0))
     return (
-        FloorArea("planks/oak", EXTENT),
-        FloorArea("tiles/grey", (4.7, y0, x1, y1)),
+        FloorArea("planks/oak", extent),
+        FloorArea("tiles/grey", (4.7 * b, y0, x1, y1)),
         FloorArea(rug, (x, y, x + 1.7, y + 1.2)),
     )
 
 
-def _lay_out(rng: np.random.Generator, difficulty: float) -> _Layout | None:
+def _lay_out(
+    rng: np.random.Generator, difficulty: float, extent: Extent, walker: Walker
+) -> _Layout | None:
     """Furniture, start and goals; None if they are incompatible."""
-    partition_y = float(
+    b, radius_m = walker.breadth, walker.breadth * WALKER_RADIUS_M
+    partition_y = b * float(
         rng.uniform(*interpolated_span(difficulty, (0.6, 1.0), (1.0, 1.5), (1.5, 2.0)))
     )
-    partition_x = float(rng.uniform(3.1, 3.7))
+    partition_x = b * float(rng.uniform(3.1, 3.7))
     from_south = bool(rng.integers(2))
-    middle = partition_y / 2 if from_south else EXTENT[3] - partition_y / 2
+    middle = partition_y / 2 if from_south else extent[3] - partition_y / 2
     partition = StaticObject(
         "wall",
         (Box((partition_x, middle, 1.2), (0.12, partition_y, 2.4), 0.0, "wall/cream"),),
         0.75,
         wall=True,
     )
-    building = (*walls(EXTENT, ("wall/sky", "wall/cream", "wall/sage", "wall/white")), partition)
+    building = (*walls(extent, ("wall/sky", "wall/cream", "wall/sage", "wall/white")), partition)
     pieces = furnish(
-        EXTENT,
+        extent,
         partition,
         _models(difficulty),
         rng,
-        interpolated(difficulty, 0.80, PASSAGE_M, 0.60),
+        b * interpolated(difficulty, 0.80, PASSAGE_M, 0.60),
         interpolated_count(difficulty, 6, LEAST_PIECES, 11),
     )
     if pieces is None:
         return None
     static_objects = building + tuple(with_numbered_names(pieces))
     space = clearance_map(
-        EXTENT, [*partition.parts, *(p for t in pieces for p in t.static_object.parts)]
+        extent,
+        [*partition.parts, *(p for t in pieces for p in t.static_object.parts)],
+        top_m=walker.top_m,
     )
-    start = free_spot(space, (0.4, 1.9), (0.4, 4.6), 0.36, rng)
-    first = free_spot(space, (4.9, 6.0), (0.4, 4.6), 0.36, rng)
-    if start is None or first is None or math.dist(start, first) < 4.0:
+
+    def spot(x: tuple[float, float], y: tuple[float, float]) -> Place | None:
+        return free_spot(space, (b * x[0], b * x[1]), (b * y[0], b * y[1]), b * 0.36, rng)
+
+    start, first = spot((0.4, 1.9), (0.4, 4.6)), spot((4.9, 6.0), (0.4, 4.6))
+    if start is None or first is None or math.dist(start, first) < 4.0 * b:
         return None
-    path = space.path(start, first, WALKER_RADIUS_M)
-    reach = space.reachable(start, WALKER_RADIUS_M)
-    others = [
-        free_spot(space, *box, 0.36, rng)
-        for box in (((2.2, 4.6), (1.6, 4.4)), ((0.4, 2.2), (0.4, 4.6)))
-    ]
-    if path is None or any(spot is None or not reach[space.cell(spot)] for spot in others):
+    path = space.path(start, first, radius_m)
+    reach = space.reachable(start, radius_m)
+    others = [spot(*box) for box in (((2.2, 4.6), (1.6, 4.4)), ((0.4, 2.2), (0.4, 4.6)))]
+    if path is None or any(goal is None or not reach[space.cell(goal)] for goal in others):
         return None
-    goals = (first, *(spot for spot in others if spot is not None))
-    return _Layout(static_objects, space, path, start, goals)
+    goals = (first, *(goal for goal in others if goal is not None))
+    return _Layout(extent, walker, static_objects, space, path, start, goals)
 
 
 def _models(difficulty: float) -> tuple[Model, ...]:
@@ -178,12 +196,12 @@ def _draw_robot(
     """The first two cross or follow the path, the others are anywhere."""
     speeds = interpolated_span(difficulty, (0.02, 0.04), (0.03, 0.06), (0.05, 0.09))
     speed, reversal = float(rng.uniform(*speeds)), float(rng.uniform(15.0, 25.0))
-    heading = float(rng.uniform(-math.pi, math.pi))
+    heading, b = float(rng.uniform(-math.pi, math.pi)), layout.walker.breadth
     if k < 2:
         share = rng.uniform(0.25, 0.5) if k == 0 else rng.uniform(0.5, 0.75)
         middle = layout.path[int(share * (len(layout.path) - 1))] + rng.normal(0, 0.15, 2)
     else:
-        middle = np.array([rng.uniform(0.5, 5.9), rng.uniform(0.5, 4.5)])
+        middle = b * np.array([rng.uniform(0.5, 5.9), rng.uniform(0.5, 4.5)])
     half = speed * reversal / 2
     start = (
         float(middle[0] - half * math.cos(heading)),
@@ -194,6 +212,7 @@ def _draw_robot(
 
 
 def _keeps_clear(moving_object: MovingObject, layout: _Layout, others: list[MovingObject]) -> bool:
+    b = layout.walker.breadth
     line = [
         (x, y)
         for x, y, _, _ in (
@@ -202,17 +221,17 @@ def _keeps_clear(moving_object: MovingObject, layout: _Layout, others: list[Movi
     ]
     if any(layout.space.at(place) < _MOVER_RADIUS_M + 0.10 for place in line):
         return False
-    if any(math.dist(place, layout.start) < 0.9 for place in line):
+    if any(math.dist(place, layout.start) < 0.9 * b for place in line):
         return False
-    if any(math.dist(place, goal) < 0.55 for place in line for goal in layout.goals):
+    if any(math.dist(place, goal) < 0.55 * b for place in line for goal in layout.goals):
         return False
     for other in others:
         ends = [other.state(s)[:2] for s in np.linspace(0.0, other.reversal_s, 12)]
-        if any(math.dist(a, b) < 0.6 for a in line for b in ends):
+        if any(math.dist(here, there) < 0.6 * b for here in line for there in ends):
             return False
     for place in line[::2]:  # it can be passed at every position
         reach = layout.space.with_disc(place, _MOVER_RADIUS_M).reachable(
-            layout.start, WALKER_RADIUS_M
+            layout.start, b * WALKER_RADIUS_M
         )
         if not all(reach[layout.space.cell(goal)] for goal in layout.goals):
             return False
@@ -223,8 +242,9 @@ def _worth_crossing(
     layout: _Layout, moving_objects: tuple[MovingObject, ...], difficulty: float
 ) -> bool:
     """Whether there are enough obstacles near the path: usually six within a metre, two of them moving."""
+    near_m = layout.walker.breadth
     standing = sum(
-        min(float(distance(part, layout.path).min()) for part in item.parts) < 1.0
+        min(float(distance(part, layout.path).min()) for part in item.parts) < near_m
         for item in layout.static_objects
         if not item.wall
     )
@@ -233,7 +253,7 @@ def _worth_crossing(
             float(np.hypot(*(layout.path - np.array(moving_object.state(s)[:2])).T).min())
             for s in np.linspace(0.0, moving_object.reversal_s, 12)
         )
-        < 1.0
+        < near_m
         for moving_object in moving_objects
     )
     enough = interpolated_count(difficulty, 3, 6, 8), interpolated_count(difficulty, 1, 2, 2)

@@ -15,19 +15,18 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial.transform import Rotation
 
-from perception.primitives import mesh_reader, safe_input
+from perception.primitives import mesh_reader
 from perception.primitives.errors import InputError
 from perception.primitives.mesh_reader import MeshError
-from perception.primitives.safe_input import UnreadableError
 
 from ..rendering.rays import open3d_library
 from ..shapes import Solid
+from . import urdf_elements
+from .urdf_elements import attribute, numbers, origin
 
 MESHES = (".obj", ".stl", ".ply", ".off", ".gltf", ".glb")
 MOST_TRIANGLES = 50_000  # ours: rendering and ray casting stay fast
-MOST_M = 1000.0  # ours: of a number in a URDF
 SHEET_M = 0.01  # ours: thickness given to a sheet
 _THINNEST_M = 1e-4
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # y to z, z to -y
@@ -157,18 +156,11 @@ def _thickened(
 
 
 def _read_urdf(path: Path) -> list[Any]:
-    try:
-        robot = ET.fromstring(safe_input.data(path, safe_input.MOST_TEXT_BYTES))
-    except UnreadableError as error:
-        raise InputError(f"{path}: {error}; expected a URDF") from error
-    except (ET.ParseError, LookupError, ValueError) as error:  # also of an unknown encoding
-        raise InputError(f"{path}: not valid XML: {error}; expected a URDF") from error
-    if robot.tag != "robot":
-        raise InputError(f"{path}: its root is <{robot.tag}>; a URDF begins with <robot>")
+    robot = urdf_elements.root(path)
     parents = {
-        _attribute(joint.find("child"), "link", path): (
-            _attribute(joint.find("parent"), "link", path),
-            _origin(joint, path),
+        attribute(joint.find("child"), "link", path): (
+            attribute(joint.find("parent"), "link", path),
+            origin(joint, path),
         )
         for joint in robot.findall("joint")
     }
@@ -183,7 +175,7 @@ def _read_urdf(path: Path) -> list[Any]:
             T = step @ T
         for part in link.findall("visual") or link.findall("collision"):
             mesh = _geometry(part.find("geometry"), path)
-            mesh.transform(T @ _origin(part, path))
+            mesh.transform(T @ origin(part, path))
             meshes.append(mesh)
     return meshes
 
@@ -195,14 +187,14 @@ def _geometry(geometry: ET.Element | None, path: Path) -> Any:
         raise InputError(f"{path}: a link has no <geometry>")
     make = open3d_library().geometry.TriangleMesh
     if shape.tag == "box":
-        size = _numbers(shape, "size", 3, path, positive=True)
+        size = numbers(shape, "size", 3, path, positive=True)
         return make.create_box(*size).translate([-v / 2 for v in size])
     if shape.tag == "cylinder":
-        (radius,) = _numbers(shape, "radius", 1, path, positive=True)
-        (length,) = _numbers(shape, "length", 1, path, positive=True)
+        (radius,) = numbers(shape, "radius", 1, path, positive=True)
+        (length,) = numbers(shape, "length", 1, path, positive=True)
         return make.create_cylinder(radius, length, 32, 1)
     if shape.tag == "sphere":
-        return make.create_sphere(*_numbers(shape, "radius", 1, path, positive=True), 12)
+        return make.create_sphere(*numbers(shape, "radius", 1, path, positive=True), 12)
     if shape.tag == "mesh":
         return _referenced(shape, path)
     raise InputError(
@@ -212,22 +204,15 @@ def _geometry(geometry: ET.Element | None, path: Path) -> Any:
 
 def _referenced(shape: ET.Element, path: Path) -> Any:
     """The mesh that a URDF references, in its own frame; the URDF places it in the link."""
-    name = _attribute(shape, "filename", path)
-    plain = name.split("://")[-1]
-    places = [path.parent / plain, path.parent / plain.split("/", 1)[-1]]
-    file = next((place for place in places if place.is_file()), None)
-    if file is None:
-        looked = " and ".join(dict.fromkeys(str(place) for place in places))
-        raise InputError(
-            f"{path}: filename={name!r} of <mesh>: no such file; looked for {looked}, put it there"
-        )
+    name = attribute(shape, "filename", path)
+    file = urdf_elements.referenced(name, path)
     if file.suffix.lower() not in MESHES:
         raise InputError(
             f"{path}: filename={name!r} of <mesh>: {file.suffix or 'its kind'} is not read; expected "
             f"{', '.join(MESHES)}, convert it"
         )
     mesh = _read_mesh(file)
-    scale = _numbers(shape, "scale", 3, path, "1 1 1")
+    scale = numbers(shape, "scale", 3, path, "1 1 1")
     if 0.0 in scale:
         raise InputError(f"{path}: scale={shape.get('scale')!r} of <mesh>: must not be 0")
     mesh.transform(np.diag([*scale, 1.0]))
@@ -235,47 +220,3 @@ def _referenced(shape: ET.Element, path: Path) -> Any:
         triangles = np.asarray(mesh.triangles)
         triangles[:] = triangles[:, ::-1].copy()
     return mesh
-
-
-def _origin(element: ET.Element, path: Path) -> Float[np.ndarray, "4 4"]:
-    T = np.eye(4)
-    origin = element.find("origin")
-    if origin is not None:
-        rpy = _numbers(origin, "rpy", 3, path, "0 0 0")
-        T[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
-        T[:3, 3] = _numbers(origin, "xyz", 3, path, "0 0 0")
-    return T
-
-
-def _attribute(element: ET.Element | None, name: str, path: Path) -> str:
-    value = None if element is None else element.get(name)
-    if value is None:
-        what = "an element" if element is None else f"<{element.tag}>"
-        raise InputError(f"{path}: {what} lacks {name}")
-    return value
-
-
-def _numbers(
-    element: ET.Element,
-    name: str,
-    count: int,
-    path: Path,
-    default: str = "",
-    positive: bool = False,
-) -> list[float]:
-    """A number of finite values from an attribute, m or rad; positive ones for sizes."""
-    text = (element.get(name) or default) if default else _attribute(element, name, path)
-    kind = "positive number" if positive else "number"
-    expected = f"expected {count} {kind}{'s' if count > 1 else ''}"
-    try:
-        values = [float(word) for word in text.split()]
-    except ValueError as error:
-        raise InputError(
-            f"{path}: {name}={text!r} of <{element.tag}>: {error}; {expected}"
-        ) from error
-    good = all(abs(value) <= MOST_M and (value > 0.0 or not positive) for value in values)
-    if len(values) != count or not good:
-        raise InputError(
-            f"{path}: {name}={text!r} of <{element.tag}>: {expected}, none beyond {MOST_M:g}"
-        )
-    return values

@@ -42,6 +42,7 @@ def place_tags(
     count: int,
     others: tuple[Place, ...] = (),
     first: int = 0,
+    cell_m: float = 0.25,
 ) -> tuple[tuple[StaticObject, ...], tuple[Landmark, ...]]:
     """Tag plates and the corresponding landmarks.
 
@@ -52,12 +53,15 @@ def place_tags(
         count: Greatest number of tags (the dictionary has `textures.MOST_TAGS`).
         others: Further reachable places, behind doorways narrower than the grid of 25 cm resolves.
         first: Number of the first tag.
+        cell_m: Grid of the places from which tags are to be seen.
     """
     shapes = [part for item in static_objects for part in item.parts]
-    space = clearance_map(extent, [s for t in static_objects if not t.wall for s in t.parts], 0.25)
+    space = clearance_map(
+        extent, [s for t in static_objects if not t.wall for s in t.parts], cell_m
+    )
     inside = [s for t in static_objects if t.wall for s in t.parts if _inside(s, extent)]
     space_all = clearance_map(
-        extent, [s for t in static_objects if not t.wall for s in t.parts] + inside, 0.25
+        extent, [s for t in static_objects if not t.wall for s in t.parts] + inside, cell_m
     )
     reachable = space_all.reachable((start.x, start.y), 0.15).ravel()
     for place in others:

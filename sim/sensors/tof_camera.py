@@ -118,7 +118,7 @@ class TofCamera:
         self._rng = rng
         shape = (config.height, config.width)
         self._pattern = config.pattern_m * rng.standard_normal(shape)
-        self._fine = _fine(self.camera, config.sub_rays)
+        self._fine = finer(self.camera, config.sub_rays)
 
     def measure(
         self, source: RangeSource, T_world_camera: Pose3
@@ -208,7 +208,7 @@ class TofCamera:
         return measured.astype(np.float32), amplitude.astype(np.float32)
 
 
-def _fine(camera: Camera, count: int) -> Camera:
+def finer(camera: Camera, count: int) -> Camera:
     """The same camera with count x count pixels, evenly spaced, in each of its pixels."""
     return Camera(
         count * camera.width,

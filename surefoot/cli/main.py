@@ -14,6 +14,7 @@ from .batch_verbs import batch
 from .experiment_verbs import experiment, reproduce
 from .quickstart import quickstart
 from .recording_verbs import calibrate_noise, map_verb, merge, monocular, panorama
+from .robot_verbs import robots
 from .run_verbs import process, simulate, smooth, soak
 from .share_verbs import export, film
 from .store_verbs import compare, query
@@ -50,6 +51,7 @@ def main(debug: bool) -> None:
 
 for _verb in (
     quickstart, simulate, soak, process, batch, smooth, map_verb, merge, panorama, monocular, calibrate_noise,
-    evaluate, query, compare, view, replay, film, export, experiment, reproduce, bench, settings, doctor, completion,
+    evaluate, query, compare, view, replay, film, export, experiment, reproduce, bench, robots, settings, doctor,
+    completion,
 ):  # fmt: skip
     main.add_command(_verb)

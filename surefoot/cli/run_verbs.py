@@ -58,6 +58,11 @@ if TYPE_CHECKING:
     type=click.Choice(["kinematic", "dynamic"]),
     help="kinematic: exact footsteps with odometry noise; dynamic: servos and contacts in physics.",
 )
+@click.option(
+    "--robot",
+    metavar="NAME",
+    help="Robot: surefoot, g1, talos, icub, or the .toml file of your own (docs/howto/robots.md).",
+)
 @click.option("--record", is_flag=True, help="Write the sensor data to recording.mcap.")
 @click.option(
     "--view",
@@ -97,6 +102,7 @@ def simulate(
     planner: str | None,
     gaze: str | None,
     body: str | None,
+    robot: str | None,
     record: bool,
     watch: bool,
     wander: float | None,
@@ -116,6 +122,7 @@ def simulate(
       surefoot simulate                      the furnished home, seed 0
       surefoot simulate home --seed 7 --record --out runs/seven
       surefoot simulate home --wander 300    explore for five minutes
+      surefoot simulate home --robot g1      a Unitree G1 (pip install 'surefoot[robots]')
       surefoot simulate home --difficulty 1  more obstacles, narrower and faster
       surefoot simulate home --fault frozen --fault dropped:0.2     what the robot notices, and does
       surefoot simulate home --seeds 1000:2000 --out runs/homes     a thousand homes, as a batch
@@ -132,6 +139,8 @@ def simulate(
         overrides = (*overrides, f"gaze.mode={gaze}")
     if body is not None:
         overrides = (*overrides, f"robot.body={body}")
+    if robot is not None:
+        overrides = (*overrides, f"robot.model={robot}")
     if wander is not None:
         overrides = (*overrides, "mission.wander=true", f"mission.time_limit_s={wander}")
     if faults:

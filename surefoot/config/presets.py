@@ -9,6 +9,7 @@ from typing import Any
 from perception.floor.classify import ClassConfig
 from perception.localisation.landmarks import LandmarkConfig
 from perception.localisation.localiser_noise import LocaliserConfig
+from perception.localisation.pose_source import PriorConfig
 from perception.primitives.robot_model import GaitLimits
 from sim.robot import RobotConfig
 
@@ -47,11 +48,14 @@ WALKED_LANDMARKS = LandmarkConfig(
 with the defaults it is 0.5, which is more conservative still."""
 
 
+LONGER = 1.9  # ours: of a plausible step, relative to the longest one that is commanded; 1.9 for a DARwIn-OP too
+
+
 def needs(robot: RobotConfig) -> dict[str, Any]:
     """Values that differ from the defaults for this body, as nested tables.
 
     For the dynamic body: step odometry and camera pose errors. For another anatomy or scale: the height below which
-    points are obstacles.
+    points are obstacles. For a robot that is described: its steps, and the field of view that the gaze aims.
     """
     found: dict[str, Any] = {}
     if robot.body == "dynamic":
@@ -60,6 +64,16 @@ def needs(robot: RobotConfig) -> dict[str, Any]:
     height_m = model_of(robot, GaitLimits()).height_m
     if height_m != ClassConfig().robot_height_m:
         found["classes"] = {"robot_height_m": height_m}
+    described = robot.described
+    if described is not None:
+        gait = described.model.gait
+        found["gait"] = vars(gait)
+        longest_m = LONGER * gait.max_speed_mps * gait.step_s
+        found["prior"] = {"longest_step_m": max(PriorConfig().longest_step_m, longest_m)}
+        sensor = described.sensor("tof")
+        if sensor is not None:
+            view = {"across_deg": sensor.across_deg, "down_deg": sensor.down_deg}
+            found["gaze"] = {"map": view}
     return found
 
 

@@ -1,12 +1,13 @@
 """The robot model of a configured body.
 
-The kinematic body, too, has the sizes of `robot.dynamic.anatomy` and `robot.dynamic.scale`. Lengths that planning
+A robot that is described by a URDF has the sizes of its description. The kinematic body, too, has the sizes of `robot.dynamic.anatomy` and `robot.dynamic.scale`. Lengths that planning
 was tuned with on a DARwIn-OP grow with the circle round the trunk or with the legs.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from perception.primitives.robot_model import DARWIN_OP, GaitLimits, HeadLimits, RobotModel
 from sim.body.dynamic.anatomy import DARWIN, Anatomy
@@ -18,8 +19,11 @@ def model_of(robot: RobotConfig, gait: GaitLimits) -> RobotModel:
 
     Args:
         robot: The body.
-        gait: Limits of a step for legs of a DARwIn-OP.
+        gait: Limits of a step: of a described robot its own, else for legs of a DARwIn-OP.
     """
+    found = robot.described
+    if found is not None:
+        return found.model if gait == GaitLimits() else replace(found.model, gait=gait)
     body, plain = robot.dynamic.body, DARWIN_OP
     breadth = math.hypot(*body.trunk_m[:2]) / math.hypot(*DARWIN.trunk_m[:2])
     legs = body.hip_m / DARWIN.hip_m

@@ -115,7 +115,13 @@ def calibrate(recording: Recording, config: Config, say: Say) -> NoiseSettings:
     Raises:
         InputError: There is no depth, or no surface that is flat and large enough.
     """
-    sources = DepthSources(config.tof, config.structured_light, config.stereo, config.depth_sources)
+    sources = DepthSources(
+        config.tof,
+        config.structured_light,
+        config.stereo,
+        config.depth_sources,
+        recording.info.own_body,
+    )
     calibrators: dict[str, Calibrator] = {}
     frames: dict[str, int] = {}
     surfaces: dict[str, int] = {}

@@ -174,7 +174,13 @@ def _seen(recording: Recording, config: Config) -> Iterator[Seen]:
 
 def _images(recording: Recording, config: Config) -> Iterator[Seen]:
     """The first depth image of each frame, with the pose that came with it."""
-    sources = DepthSources(config.tof, config.structured_light, config.stereo, config.depth_sources)
+    sources = DepthSources(
+        config.tof,
+        config.structured_light,
+        config.stereo,
+        config.depth_sources,
+        recording.info.own_body,
+    )
     sigmas = (HEADING_DEG, config.prior.given_position_m)
     for number, frame in enumerate(recording.frames()):
         for sensor, image in sources.images(frame):

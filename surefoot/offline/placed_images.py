@@ -88,7 +88,11 @@ class PlacedImages(ABC):
         self.recording = recording
         self.config = config
         self.sources = DepthSources(
-            config.tof, config.structured_light, config.stereo, config.depth_sources
+            config.tof,
+            config.structured_light,
+            config.stereo,
+            config.depth_sources,
+            recording.info.own_body,
         )
         self.frames = self.with_depth = self.lost = self.doubtful = self.closures = 0
         self.remarks: list[str] = []

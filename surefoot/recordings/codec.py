@@ -29,6 +29,7 @@ from perception.primitives.frame import (
     StepOdometry,
     StereoView,
 )
+from perception.primitives.own_body import JointReading
 from perception.primitives.pose import Pose3
 from perception.primitives.safe_input import UnreadableError
 
@@ -94,6 +95,7 @@ class EncodedFrame:
     imu: Imu | None = None
     T_world_camera: Pose3 | None = None
     footstep_due: bool = False
+    joints: JointReading | None = None
 
 
 def encode(frame: Frame) -> EncodedFrame:
@@ -119,6 +121,7 @@ def encode(frame: Frame) -> EncodedFrame:
         None if frame.imu is None else _exact(frame.imu),
         frame.T_world_camera,
         frame.footstep_due,
+        frame.joints,
     )
 
 
@@ -152,6 +155,7 @@ def decode(encoded: EncodedFrame) -> Frame:
         imu=encoded.imu,
         T_world_camera=encoded.T_world_camera,
         footstep_due=encoded.footstep_due,
+        joints=encoded.joints,
     )
     fault = _fault(frame)
     if fault is not None:
@@ -254,6 +258,9 @@ def _fault(frame: Frame) -> str | None:
     if frame.stereo is not None:
         values["baseline"] = (frame.stereo.baseline_m, 1.0 / frame.stereo.baseline_m)
     poses = {"T_world_camera": frame.T_world_camera}
+    if frame.joints is not None:
+        values["joints"] = frame.joints.angles
+        poses["joints.T_body_base"] = frame.joints.T_body_base
     for name in ("tof", "depth", "stereo", "colour"):
         view = getattr(frame, name)
         if view is None:

@@ -152,11 +152,20 @@ class McapRecording:
                 closing = safe_input.json(message.data)
                 skips.check_stamp(closing["stamp_s"], may_go_back=True)
                 frame = decode(frame_from_messages(closing, group))
+                self._check_joints(frame)
             except (FrameError, *DAMAGE, *WRONG) as error:
                 reason = str(error) if isinstance(error, FrameError) else f"damaged ({error!r})"
                 skips.skip(f"frame {sequence}", reason)
                 continue
             yield frame
+
+    def _check_joints(self, frame: Frame) -> None:
+        """Raise a FrameError for other joints than the recording says the robot has."""
+        own = self.info.own_body
+        if frame.joints is not None and own is not None:
+            count, wanted = len(frame.joints.angles), len(own.tree.joints)
+            if count != wanted:
+                raise FrameError(f"{count} joint angles; the robot has {wanted}")
 
     def _read_head(self) -> tuple[dict[str, Any] | None, set[str]]:
         """Metadata of the writer, and the topics found before it."""

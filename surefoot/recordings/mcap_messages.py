@@ -5,7 +5,7 @@ names the topics of the group and contains what Foxglove's schemas lack (exact s
 
 Topics: `/tof/range`, `/tof/amplitude`, `/depth/image` (RawImage 16UC1), `/colour/image`, `/stereo/left`,
 `/stereo/right` (CompressedImage), each camera's `calibration`, `/tf` (cameras on the body; the given pose
-in the world), `/odometry`, `/imu`, `/frame`, and once at the start `/recording`.
+in the world), `/odometry`, `/imu`, `/joints`, `/frame`, and once at the start `/recording`.
 """
 
 from __future__ import annotations
@@ -31,11 +31,12 @@ from perception.primitives.pose import Pose2, Pose3
 
 from ..foxglove import calibration, frame_id, timestamp, transform
 from .codec import EncodedAmplitude, EncodedDepth, EncodedFrame, EncodedPicture, EncodedStereo
+from .own_body_json import joints_from_json, joints_to_json, own_body_from_json, own_body_to_json
 from .recording import FrameError, RecordingInfo
 
 FRAME_TOPIC = "/frame"
 RECORDING_TOPIC = "/recording"
-FORMAT = 1  # increases when older readers cannot read the new files
+FORMAT = 2  # increases when older readers cannot read the new files: 2 has joint angles
 PROTOBUF_TOPICS: dict[str, type[Message]] = {
     "/tof/range": RawImage,
     "/tof/amplitude": RawImage,
@@ -63,6 +64,16 @@ JSON_TOPICS: dict[str, dict[str, object]] = {
         "type": "object",
         "description": "Means since the previous frame, body axes: rad/s, m/s^2.",
         "properties": {"angular_velocity": _XYZ, "specific_force": _XYZ},
+    },
+    "/joints": {
+        "title": "surefoot.JointReading",
+        "type": "object",
+        "description": "Joint angles by the encoders, rad, and the base of their tree in the body frame: m, quaternion.",
+        "properties": {
+            "angles": {"type": "array", "items": _NUMBER},
+            "translation": _XYZ,
+            "quat_xyzw": {"type": "array", "items": _NUMBER, "minItems": 4, "maxItems": 4},
+        },
     },
     FRAME_TOPIC: {
         "title": "surefoot.Frame",
@@ -124,6 +135,8 @@ def frame_messages(encoded: EncodedFrame) -> Iterator[tuple[str, Message | dict[
         group.append(("/odometry", {name: float(value) for name, value in values.items()}))
     if encoded.imu is not None:
         group.append(("/imu", {k: v.tolist() for k, v in vars(encoded.imu).items()}))
+    if encoded.joints is not None:
+        group.append(("/joints", joints_to_json(encoded.joints)))
     closing["topics"] = [topic for topic, _ in group]
     yield from group
     yield FRAME_TOPIC, closing
@@ -159,13 +172,14 @@ def frame_from_messages(closing: Mapping[str, Any], data: Mapping[str, bytes]) -
         imu=_imu(parts.get("/imu")),
         T_world_camera=next((T for (parent, _), T in poses.items() if parent == _WORLD), None),
         footstep_due=closing["footstep_due"],
+        joints=joints_from_json(parts.get("/joints")),
     )
 
 
 def info_to_json(info: RecordingInfo) -> dict[str, Any]:
     """Content of the `/recording` message."""
     return {
-        "format": FORMAT,
+        "format": 1 if info.own_body is None else FORMAT,
         "name": info.name,
         "scene": info.scene,
         "poses_given": info.poses_given,
@@ -175,7 +189,7 @@ def info_to_json(info: RecordingInfo) -> dict[str, Any]:
         "gravity_up_world": info.gravity_up_world,
         "floor_height_world_m": info.floor_height_world_m,
         "calibrated": info.calibrated,
-    }
+    } | ({} if info.own_body is None else {"own_body": own_body_to_json(info.own_body)})
 
 
 def info_from_json(values: Mapping[str, Any], frames: int | None) -> RecordingInfo:
@@ -196,6 +210,7 @@ def info_from_json(values: Mapping[str, Any], frames: int | None) -> RecordingIn
         gravity_up_world=None if up is None else (up[0], up[1], up[2]),
         floor_height_world_m=values["floor_height_world_m"],
         calibrated=values.get("calibrated", True),  # without the key: the simulated robot's
+        own_body=own_body_from_json(values["own_body"]) if "own_body" in values else None,
     )
 
 

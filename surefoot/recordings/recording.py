@@ -12,6 +12,7 @@ from jaxtyping import Float
 from perception.primitives.errors import SurefootError
 from perception.primitives.frame import Frame
 from perception.primitives.landmark import Landmark
+from perception.primitives.own_body import OwnBody
 from perception.primitives.pose import Pose2
 
 DESCRIPTION_FILE = "recording.toml"
@@ -35,6 +36,7 @@ class RecordingInfo:
         gravity_up_world: Vertical unit vector in the world of the given poses; None if unknown.
         floor_height_world_m: Height of the floor along `gravity_up_world`, m; None if unknown.
         calibrated: Whether depth hardly bends: rendered, or by cameras whose bend was calibrated.
+        own_body: What the cameras may see of the robot itself; None if that is not known.
     """
 
     name: str
@@ -48,6 +50,7 @@ class RecordingInfo:
     gravity_up_world: tuple[float, float, float] | None = None
     floor_height_world_m: float | None = None
     calibrated: bool = False
+    own_body: OwnBody | None = None
 
 
 class SkippedFrame(NamedTuple):

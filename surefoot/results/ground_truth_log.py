@@ -16,6 +16,7 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull
 
 from mapping.io.nav2 import save as save_map
+from perception.floor.segmented_view import SegmentedView
 
 from .row_stream import PoseStream, RowStream
 from .run_folder import RunFolder
@@ -42,6 +43,7 @@ OBSTACLES = (
     "height_m",
     "name",
 )
+OWN_BODY = ("stamp_s", "camera", "pixels", "points")
 FLOOR = ("stamp_s", "camera", "nx", "ny", "nz", "height_m")
 
 
@@ -61,10 +63,18 @@ class TruthLog:
         self._clearances = RowStream(
             folder, "truth/clearance.csv", ("stamp_s", "clearance_m", "object")
         )
+        self._own = RowStream(folder, "truth/own_body.csv", OWN_BODY)
         self._borders = [_Border(*one) for one in self._truth.outlines()]
 
-    def note(self, stamp_s: float, faults: Sequence[str] = ()) -> None:
-        """Record the ground truth of this frame, and the faults that were put into it."""
+    def note(
+        self, stamp_s: float, faults: Sequence[str] = (), views: Sequence[SegmentedView] = ()
+    ) -> None:
+        """Record the ground truth of this frame, the faults that were put into it, and which of its points are of the robot itself."""
+        for view in views:
+            own = self._truth.own_pixels(view.sensor)
+            if own is not None and own.shape == view.depth.z.shape:
+                used = int(own.ravel()[view.points.pixels].sum())
+                self._own.append((stamp_s, view.sensor, int(own.sum()), used))
         for fault in faults:
             self._faults.append((stamp_s, fault))
         pose = self._truth.robot_pose()
@@ -92,6 +102,7 @@ class TruthLog:
         for table in (self._poses, self._obstacles, self._floors, self._clearances):
             table.close()
         self._faults.close(keep_empty=False)
+        self._own.close(keep_empty=False)
         folder.write_json("truth/outlines.json", [border.entry() for border in self._borders])
         x_min, y_min, x_max, y_max = self._scene.extent
         origin = np.array([x_min, y_min]) - 0.5

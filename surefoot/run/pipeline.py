@@ -22,6 +22,7 @@ from mapping.objects.footprints import Footprint
 from mapping.objects.obstacle_cloud import ObstacleCloud
 from perception.depth import points
 from perception.depth.health import DepthHealth
+from perception.depth.self_filter import blackened
 from perception.depth.sources import DepthSources
 from perception.estimate import Estimate
 from perception.floor import choose, classify
@@ -71,9 +72,9 @@ class Pipeline:
 
     def __init__(self, config: Config, info: RecordingInfo) -> None:
         self.config = config
-        self.landmarks = info.landmarks
+        self.landmarks, self.own_body = info.landmarks, info.own_body
         self.depth_sources = DepthSources(
-            config.tof, config.structured_light, config.stereo, config.depth_sources
+            config.tof, config.structured_light, config.stereo, config.depth_sources, info.own_body
         )
         self.floor_config = config.floor_of(info.calibrated)
         self.pose_source = make_pose_source(config, info, self.depth_sources)
@@ -162,6 +163,8 @@ class Pipeline:
         """The frame by the clock of the run, with the pictures that can be used, and what is wrong with it."""
         stamp_s = self._clock.read(frame.stamp_s, ends(frame))
         frame, doubts = self._pictures.check(replace(frame, stamp_s=stamp_s))
+        if frame.colour is not None and self.own_body is not None:
+            frame = replace(frame, colour=blackened(frame.colour, self.own_body, frame.joints))
         if self._clock.set_back:
             doubts.append(Doubt("clock set back"))
         if self._clock.missing_s > 0.0 and isinstance(self.pose_source, LeggedLocaliser):

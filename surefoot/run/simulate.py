@@ -51,16 +51,13 @@ def true_start(scene: Scene, config: Config) -> Pose2:
 
     If no sample is free, it is the mark itself.
     """
-    from sim.free_space import ROBOT_TOP_M
     from sim.shapes import distance
 
     rng = np.random.default_rng([config.seed, 34])
-    radius = math.hypot(*config.robot.dynamic.body.trunk_m[:2]) / 2
+    radius = math.hypot(*config.robot.measures.trunk_m[:2]) / 2
+    top_m = config.robot.walker.top_m
     parts = [
-        part
-        for static in scene.static_objects
-        for part in static.parts
-        if part.bottom_m < ROBOT_TOP_M
+        part for static in scene.static_objects for part in static.parts if part.bottom_m < top_m
     ]
     x0, y0, x1, y1 = scene.extent
     for _ in range(TRIES):
@@ -109,7 +106,9 @@ def simulate(
 
     if config.robot.needs_pybullet:
         bullet.require()
-    scene = catalogue.load(config.scene, config.seed, config.difficulty, config.movers)
+    scene = catalogue.load(
+        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
+    )
     goals = () if config.mission.wander else scene.goals[: config.mission.goals]
     folder = RunFolder.create(out, name=f"{scene.name}-{config.seed}")
     with contextlib.ExitStack() as stack:
@@ -129,7 +128,7 @@ def simulate(
         interrupted = False
         stopped = stack.enter_context(stop_requested())
         for cycle in cycles(body, pipeline, planner, config.planning.robot):
-            truth.note(cycle.world.stamp_s, faults.touched())
+            truth.note(cycle.world.stamp_s, faults.touched(), cycle.world.estimate.views)
             moment = recorder.note(cycle)
             watch(cycle)
             if page is not None and moment is not None:
@@ -180,6 +179,7 @@ def known_beforehand(scene: Scene, robot: SimulatedRobot, config: Config) -> Rec
         floor_height_world_m=0.0,
         gravity_up_world=robot.up,
         calibrated=True,
+        own_body=robot.own_body,
     )
 
 

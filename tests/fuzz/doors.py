@@ -8,6 +8,8 @@ import recording_doors
 import result_doors
 from door import Door
 
+from sim.robots import catalogue
+from sim.robots.jointed import jointed
 from sim.scenes import scene_file
 from surefoot.config import toml
 from surefoot.config.schema import Config
@@ -65,6 +67,15 @@ def override(folder: Path) -> None:
         toml.override(Config(), [line])
 
 
+LITTLE = Path(__file__).resolve().parents[1] / "little_robot"
+
+
+def robot(folder: Path) -> None:
+    """A robot of the tests: its description and its URDF."""
+    for file in LITTLE.iterdir():
+        (folder / file.name).write_bytes(file.read_bytes())
+
+
 DOORS = {
     **recording_doors.DOORS,
     "config": Door(
@@ -73,6 +84,9 @@ DOORS = {
     ),
     "set": Door(lambda folder: (folder / "set").write_text(SETTINGS), override),
     "scene": Door(scene, lambda folder: scene_file.read_scene(folder / "scene.toml", 0), slow=True),
+    "robot": Door(
+        robot, lambda folder: jointed.__wrapped__(catalogue.read(folder / "little.toml")), slow=True
+    ),
     "mesh": Door(
         meshes, lambda folder: [read_surface(path) for path in sorted(folder.iterdir())], slow=True
     ),

@@ -185,7 +185,9 @@ def _figures(found: Sequence[dict[str, Any]]) -> dict[str, float]:
 
 def _draw(config: Config, planners: Sequence[str], found: Sequence[WalkResult]) -> Figure:
     """Plot the scene from above with the paths of all planners."""
-    scene = catalogue.load(config.scene, config.seed, config.difficulty, config.movers)
+    scene = catalogue.load(
+        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
+    )
     x0, y0, x1, y1 = scene.extent
     figure, axes = style.sheet(height_in=1.0 + 7.0 * min((y1 - y0) / (x1 - x0), 1.2))
     for thing in scene.obstacles:

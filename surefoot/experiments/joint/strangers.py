@@ -75,7 +75,9 @@ def walked(folder: RunFolder, config: Config) -> dict[str, float]:
     )
     if truth is None or poses is None:
         return figures
-    scene = catalogue.load(config.scene, config.seed, config.difficulty, config.movers)
+    scene = catalogue.load(
+        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
+    )
     movers = [str(k + 1) for k in range(len(scene.moving_objects))]
     assert len(movers) < FIRST_STATIC_ID
     errors = track_errors((folder.read_json("obstacles.json") or {}).get("tracks", []), truth)

@@ -67,7 +67,9 @@ def figures_of(folder: RunFolder, config: Config) -> dict[str, float]:
     figures = falls_and_contacts(folder, config)
     walked = folder.read_trajectory("truth/trajectory.txt")
     assert walked is not None, "a simulated run has its truth"
-    goals = catalogue.load(config.scene, config.seed, config.difficulty, config.movers).goals
+    goals = catalogue.load(
+        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
+    ).goals
     starts = config.swarm.goal_times_s
     for k, (goal, begin) in enumerate(zip(goals, starts, strict=True)):
         end = starts[k + 1] if k + 1 < len(starts) else np.inf

@@ -27,7 +27,9 @@ def coverage(run: RunFolder, config: Config) -> dict[str, float]:
     from sim.free_space import clearance_map
     from sim.scenes import catalogue
 
-    scene = catalogue.load(config.scene, config.seed, config.difficulty, config.movers)
+    scene = catalogue.load(
+        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
+    )
     parts = [part for thing in scene.static_objects for part in thing.parts]
     space = clearance_map(scene.extent, parts)
     assert scene.start is not None

@@ -121,7 +121,9 @@ def walk(config: Config, perfect: bool = False, stepper: StepFilter | None = Non
     """
     if config.robot.needs_pybullet:
         bullet.require()
-    scene = catalogue.load(config.scene, config.seed, config.difficulty, config.movers)
+    scene = catalogue.load(
+        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
+    )
     placed = replace(scene, start=true_start(scene, config))
     result, touch = CourseWalk(), Touch()
     images = config.robot.tof

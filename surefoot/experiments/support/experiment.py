@@ -61,6 +61,7 @@ FILES = {
     "home": "joint.home",
     "localisation": "joint.localisation",
     "prediction": "joint.prediction",
+    "robots": "joint.robots",
     "sensors": "joint.sensors",
     "strangers": "joint.strangers",
     "walking": "joint.walking",

@@ -89,7 +89,9 @@ def judged(config: Config, seconds: float, acceleration: float = ACCELERATION) -
         seconds: Length of the walk.
         acceleration: Of the plain tracker.
     """
-    scene = catalogue.load(config.scene, config.seed, config.difficulty, config.movers)
+    scene = catalogue.load(
+        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
+    )
     sight, log = Sightlines(scene), _Log()
     patterns, plain = MotionPatterns(), PlainTracker(config.tracker, acceleration)
     lens = config.robot.tof_camera.camera

@@ -61,6 +61,7 @@ SMALLER: dict[str, dict[str, float | int]] = {
     "real-odometry": {"sets": 1},
     "real-panorama": {"parts": 2},
     "referee": {"sets": 1},
+    "robots": {"limit_s": 8.0},
     "sensors": {"each": 1},
     "sessions": {"small": True},
     "strangers": {"laws": 1, "limit_s": 12.0},

@@ -123,7 +123,9 @@ def watched_walk(config: Config, seconds: float) -> Iterator[WatchedInstant]:
     tof = TofConfig(sub_rays=1)
     blind = replace(config.robot, stereo=False, colour=False, tof_camera=tof)
     config = replace(config, robot=blind)
-    scene = catalogue.load(config.scene, config.seed, config.difficulty, config.movers)
+    scene = catalogue.load(
+        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
+    )
     placed = replace(scene, start=true_start(scene, config))
     tags = TagSensor(scene, TagNoise(), config.landmarks, np.random.default_rng([config.seed, 50]))
     with (

@@ -40,6 +40,7 @@ VERBS = (
     "evaluate",
     "experiment",
     "bench",
+    "robots",
     "view",
     "film",
     "export",
@@ -94,6 +95,9 @@ def test_help_does_not_load_the_heavy_packages():
         (("simulate", "home", "--set", "grid.cell_m=-1"), "cell_m"),
         (("simulate", "home", "--set", "nonsense"), "nonsense"),
         (("simulate", "home", "--set", "renderer='gpu'"), "renderer"),
+        (("simulate", "home", "--robot", "taloss"), "did you mean 'talos'?"),
+        (("simulate", "home", "--robot", "no/such.toml"), "such.toml"),
+        (("simulate", "home", "--robot", "g1", "--body", "dynamic"), "set body='kinematic'"),
         (("simulate", "--config", "no/such.toml"), "such.toml"),
         (("process", "no/such/folder"), "no such file or folder"),
         (("evaluate", "no/such/run"), "does not exist"),
@@ -119,6 +123,20 @@ def test_bad_input_is_one_line_and_exit_code_2(words, said):
     assert code == BAD_INPUT, shown
     assert said in shown
     assert len(shown.strip().splitlines()) == 1, shown
+
+
+def test_the_robots_are_listed_with_their_licence_and_whether_they_are_there(monkeypatch):
+    monkeypatch.setattr("sim.robots.installed.folder", lambda name: None)
+    code, shown = call("robots", "--json")
+    listed = {one["name"]: one for one in json.loads(shown)}
+    assert code == 0
+    assert listed.keys() == {"surefoot", "g1", "icub", "talos"}
+    assert listed["icub"]["licence"] == "CC-BY-SA-4.0"
+    assert [one["installed"] for one in listed.values()] == [True, False, False, False]
+    code, shown = call("robots")
+    lines = shown.strip().splitlines()
+    assert (code, len(lines)) == (0, 4)
+    assert sum("not installed: pip install 'surefoot[robots]'" in line for line in lines) == 3
 
 
 @pytest.mark.parametrize(

@@ -21,12 +21,19 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from perception.primitives.errors import OutputError, RecordingError
 from perception.primitives.frame import Frame, StepOdometry
+from perception.primitives.kinematics import Joint, KinematicTree
 from perception.primitives.landmark import Landmark
-from perception.primitives.pose import Pose2
+from perception.primitives.own_body import JointReading, OwnBody, OwnPart
+from perception.primitives.pose import Pose2, Pose3
 from surefoot.mcap_file import MAGIC, nanoseconds
 from surefoot.recordings.codec import decode, encode
 from surefoot.recordings.mcap_format import McapRecording, RecordingWriter
-from surefoot.recordings.mcap_messages import frame_messages
+from surefoot.recordings.mcap_messages import (
+    FORMAT,
+    frame_messages,
+    info_to_json,
+)
+from surefoot.recordings.own_body_json import own_body_from_json, own_body_to_json
 from surefoot.recordings.recording import RecordingInfo
 
 INFO = RecordingInfo(
@@ -100,6 +107,60 @@ def test_stamps_and_odometry_are_stored_without_loss(tmp_path_factory, same, sta
     path = tmp_path_factory.getbasetemp() / "exact.mcap"
     (played,) = McapRecording(write(path, [frame])).frames()
     assert same(played, frame)
+
+
+OWN = OwnBody(
+    KinematicTree(
+        (
+            Joint("hip", 0, Pose3((0.1, -0.2, 0.3)), (0.6, 0.8, 0.0), -1.25, 2.5),
+            Joint(
+                "knee", 1, Pose3((0.0, 0.0, 0.0), (0.0, 0.6, 0.0, 0.8)), (0.0, 1.0, 0.0), 0.0, 2.0
+            ),
+        )
+    ),
+    (OwnPart("shank 3", 2, np.random.default_rng(0).standard_normal((5, 3)), 0.01, 0.0123),),
+)
+
+
+def test_joint_angles_and_the_robots_own_body_are_stored_without_loss(tmp_path):
+    joints = JointReading(Pose3((0.1, 1 / 3, -0.7), (0.0, 0.6, 0.0, 0.8)), (0.1, -1 / 3))
+    path = tmp_path / "own.mcap"
+    with RecordingWriter(path, replace(INFO, own_body=OWN)) as writer:
+        writer.write(encode(Frame(1.0, joints=joints)))
+        writer.write(encode(Frame(2.0, joints=replace(joints, angles=(0.1,)))))
+        writer.write(encode(Frame(3.0)))
+    recording = McapRecording(path)
+    first, last = recording.frames()
+    assert (first.joints, last.joints) == (joints, None)
+    assert [one.reason for one in recording.skipped] == ["1 joint angles; the robot has 2"]
+    own = recording.info.own_body
+    assert own.tree == OWN.tree
+    (part,), (wrote,) = own.parts, OWN.parts
+    np.testing.assert_array_equal(part.corners, wrote.corners)
+    assert vars(part) | {"corners": 0} == vars(wrote) | {"corners": 0}
+
+
+def test_only_recordings_with_a_body_need_a_reader_that_knows_it():
+    assert info_to_json(INFO)["format"] == 1
+    assert "own_body" not in info_to_json(INFO)
+    assert info_to_json(replace(INFO, own_body=OWN))["format"] == FORMAT == 2
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"link": 3},
+        {"corners": []},
+        {"corners": [[0.0, 1.0]]},
+        {"margin_m": float("nan")},
+        {"angle_sigma_rad": None},
+    ],
+)
+def test_a_damaged_body_in_a_recording_is_refused(damage):
+    values = own_body_to_json(OWN)
+    values["parts"][0] |= damage
+    with pytest.raises((ValueError, TypeError)):
+        own_body_from_json(values)
 
 
 def test_the_information_about_the_recording_is_read_back(walk):
@@ -374,8 +435,10 @@ def test_a_recording_without_frames_is_refused(tmp_path):
 
 def test_a_newer_format_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("surefoot.recordings.mcap_messages.FORMAT", 99)
-    path = write(tmp_path / "r.mcap", [])
-    with pytest.raises(RecordingError, match="format 99 is newer than the 1 this version reads"):
+    path = tmp_path / "r.mcap"
+    with RecordingWriter(path, replace(INFO, own_body=OWN)):
+        pass
+    with pytest.raises(RecordingError, match="format 99 is newer than the 2 this version reads"):
         McapRecording(path)
 
 

@@ -1,0 +1,114 @@
+"""The self-filter: pixels that show, or may show, the robot's own body are removed from an image.
+
+A part of the body is the convex hull of its corners, so its picture is the convex hull of their pixels. Each corner grows
+by the part's margin and by three standard deviations of its direction from the camera, and the picture by the pixels over
+which the sensor mixes the part with what is behind it. So neither depth on the body nor the flying pixels at its edges
+become obstacles. Behind the body nothing is known, as behind any other thing.
+
+Source: ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..primitives.camera import Camera
+from ..primitives.frame import ColourView, Depth
+from ..primitives.own_body import JointReading, OwnBody
+from ..primitives.pose import Pose3
+
+SIGMAS = 3.0  # ours: of the direction of a part
+NEAR_M = 0.02  # ours: what is nearer to the plane of the lens is not in the picture
+ROUNDED_PX = 0.5  # OpenCV's corners are whole pixels
+FARTHEST_PX = 30_000.0  # OpenCV's coordinates have 16 bits
+CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+
+
+def silhouette(
+    own: OwnBody, joints: JointReading, camera: Camera, T_body_camera: Pose3, mixed_px: float
+) -> Bool[np.ndarray, "h w"]:
+    """The pixels of a camera that may show the robot itself.
+
+    Args:
+        own: The body.
+        joints: Its measured angles.
+        camera: Intrinsics.
+        T_body_camera: By the same angles.
+        mixed_px: Radius within which a pixel takes in its neighbours.
+
+    Raises:
+        InputError: The body has another number of joints.
+    """
+    mask = np.zeros((camera.height, camera.width), np.uint8)
+    T_camera_body = T_body_camera.inverse()
+    sides = _sides(camera, mixed_px)
+    for part, corners in zip(own.parts, own.corners(joints), strict=True):
+        points = T_camera_body.apply(corners)
+        reach_m = part.margin_m + SIGMAS * part.angle_sigma_rad * np.linalg.norm(points, axis=1)
+        if _outside(sides, points, float(reach_m.max())):
+            continue
+        cubes = (points[:, None] + reach_m[:, None, None] * CORNERS).reshape(-1, 3)
+        pixels = np.clip(camera.project(_in_front(cubes)), -FARTHEST_PX, FARTHEST_PX)
+        rim = cv2.convexHull(pixels.astype(np.float32))[:, 0]
+        discs = (rim[:, None] + (mixed_px + ROUNDED_PX) * CORNERS[::2, :2]).reshape(-1, 2)
+        cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(discs).astype(np.int32)), 1)
+    return mask.astype(np.bool_)
+
+
+def without_self(
+    depth: Depth, own: OwnBody | None, joints: JointReading | None, mixed_px: float
+) -> Depth:
+    """The depth image without the pixels of the robot itself; unchanged where its pose is not known."""
+    if own is None or joints is None or depth.T_body_camera is None:
+        return depth
+    mask = silhouette(own, joints, depth.camera, depth.T_body_camera, mixed_px)
+    if not mask.any():
+        return depth
+    z, sigma = depth.z.copy(), depth.sigma.copy()
+    z[mask] = sigma[mask] = np.nan
+    return replace(depth, z=z, sigma=sigma)
+
+
+def blackened(view: ColourView, own: OwnBody | None, joints: JointReading | None) -> ColourView:
+    """The picture with the robot itself in black, which has no colour and no marks."""
+    if own is None or joints is None or view.T_body_camera is None:
+        return view
+    mask = silhouette(own, joints, view.camera, view.T_body_camera, 1.0)
+    if not mask.any():
+        return view
+    rgb = view.rgb.copy()
+    rgb[mask] = 0
+    return replace(view, rgb=rgb)
+
+
+def _sides(camera: Camera, mixed_px: float) -> Float[np.ndarray, "4 3"]:
+    """Inward unit normals of the four planes through the lens and a border of the image."""
+    x, y = camera.slopes
+    across, down = (mixed_px + 0.5) / camera.fx, (mixed_px + 0.5) / camera.fy
+    left, right = float(x.min()) - across, float(x.max()) + across
+    top, bottom = float(y.min()) - down, float(y.max()) + down
+    planes = np.array([[1.0, 0, -left], [-1.0, 0, right], [0, 1.0, -top], [0, -1.0, bottom]])
+    return np.asarray(planes / np.linalg.norm(planes, axis=1, keepdims=True))
+
+
+def _outside(
+    sides: Float[np.ndarray, "4 3"], points: Float[np.ndarray, "n 3"], reach_m: float
+) -> bool:
+    """Whether a part with its reach lies behind the lens, or beyond one border of the image."""
+    beyond = (points @ sides.T).max(axis=0) < -reach_m
+    return bool(beyond.any() or points[:, 2].max() + reach_m < NEAR_M)
+
+
+def _in_front(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "m 3"]:
+    """Corners of a convex part cut off at the plane `NEAR_M` before the lens, camera frame, m."""
+    front = points[:, 2] >= NEAR_M
+    ahead, behind = points[front], points[~front]
+    if not len(behind) or not len(ahead):
+        return ahead
+    share = (ahead[:, None, 2] - NEAR_M) / (ahead[:, None, 2] - behind[None, :, 2])
+    cut = ahead[:, None] + share[..., None] * (behind[None] - ahead[:, None])
+    return np.concatenate([ahead, cut.reshape(-1, 3)])

@@ -1,0 +1,213 @@
+"""The robots: descriptions by name or from a user's file, read and checked.
+
+Lengths are in m, angles in deg. Every key is checked: an error names the file, the key and what was expected. The
+descriptions beside this module are ours; a user's own file is given by its path. `docs/howto/robots.md` lists all keys.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from perception.primitives import safe_input
+from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.robot_model import GaitLimits, HeadLimits, RobotModel
+from perception.primitives.safe_input import UnreadableError
+
+from ..scenes.scene_table import TableReader
+from .description import AXES, SENSORS, Description, Gaze, Legs, Sensor, Walk
+
+OWN = "surefoot"
+"""The robot of this project, which needs no description."""
+
+EXAMPLE = "[legs]\nleft = [six joints, from the hip down]"
+KEYS: dict[str, tuple[str, ...]] = {
+    "": ("title", "licence", "origin", "package", "urdf", "turn_deg", "posture", "legs", "body", "gait",
+         "steps", "camera", "gaze", *SENSORS),
+    "legs": ("left", "right", "feet", "sole_m", "sole_size_m"),
+    "body": ("height_m", "width_m", "depth_m", "radius_m", "passage_m"),
+    "gait": ("hip_m", "com_m", "stance_m", "narrowest_m", "lift_m", "single_support_s", "double_support_s"),
+    "steps": ("cruise_mps", "max_mps", "back_mps", "side_mps", "turn_deg"),
+    "camera": ("frame", "axis", "at_m", "eye_m"),
+    "gaze": ("pan", "tilt", "pan_deg", "tilt_deg", "speed_radps"),
+    "tof": ("width", "height", "across_deg", "down_deg", "at_m"),
+    "stereo": ("width", "height", "across_deg", "baseline_m", "at_m"),
+    "colour": ("width", "height", "across_deg", "at_m"),
+}  # fmt: skip
+
+
+def names() -> tuple[str, ...]:
+    """Names of the robots that are described here, without `OWN`."""
+    return tuple(sorted(path.stem for path in Path(__file__).parent.glob("*.toml")))
+
+
+def load(name: str) -> Description:
+    """The description of a robot by name, or from a path that ends in .toml.
+
+    Raises:
+        ConfigError: The name is unknown.
+        InputError: The file cannot be read, or a value in it is impossible.
+    """
+    if name.endswith(".toml"):
+        return read(Path(name))
+    if name not in names():
+        known = (OWN, *names())
+        near = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        raise ConfigError(
+            f"robot: model={name!r} is unknown; {hint}choose {', '.join(known)}, or your own .toml file"
+        )
+    return read(Path(__file__).parent / f"{name}.toml")
+
+
+def read(path: Path) -> Description:
+    """The description in a file; errors as of `load`."""
+    try:
+        content = safe_input.toml(safe_input.text(path))
+    except UnreadableError as error:
+        raise InputError(f"{path}: {error}; expected the description of a robot") from error
+    tables = _tables(path, content)
+    try:
+        return _description(path, TableReader(path, EXAMPLE), content, tables)
+    except ConfigError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _tables(path: Path, content: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """All tables of the file, empty where it has none, without unknown keys."""
+    found = {}
+    for name, known in KEYS.items():
+        table = content if not name else content.get(name, {})
+        if not isinstance(table, dict):
+            raise InputError(f"{path}: {name} = {table!r}; expected a table [{name}]")
+        for key in table:
+            if key not in known:
+                near = difflib.get_close_matches(key, known, n=1)
+                hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
+                where = f"[{name}] " if name else ""
+                raise InputError(f"{path}: {where}key {key!r} is unknown; {hint}")
+        if name and name not in SENSORS and not table:
+            raise InputError(f"{path}: no table [{name}]; expected {', '.join(known)}")
+        found[name] = table
+    return found
+
+
+def _description(
+    path: Path, file: TableReader, content: dict[str, Any], tables: dict[str, dict[str, Any]]
+) -> Description:
+    posture = content.get("posture", {})
+    if not isinstance(posture, dict):
+        raise file.refusal("posture", posture, "a table of angles by joint, deg")
+    gaze = _gaze(file, tables)
+    return Description(
+        path,
+        file.word(content, "title"),
+        file.word(content, "licence"),
+        file.word(content, "origin"),
+        file.word(content, "package") if "package" in content else "",
+        file.word(content, "urdf"),
+        file.number(content, "turn_deg", 0.0, -180.0, 180.0),
+        tuple(
+            (joint, math.radians(file.number(posture, joint, None, -360.0, 360.0)))
+            for joint in posture
+        ),
+        _legs(file, tables["legs"]),
+        Walk(
+            *(
+                file.number(tables["gait"], key, None, 0.001, 3.0)
+                for key in ("com_m", "stance_m", "narrowest_m", "lift_m")
+            )
+        ),
+        gaze,
+        _model(file, tables),
+        tuple((name, _sensor(file, name, tables[name])) for name in SENSORS if tables[name]),
+    )
+
+
+def _legs(file: TableReader, table: dict[str, Any]) -> Legs:
+    left, right = (_words(file, table, key, 6) for key in ("left", "right"))
+    feet = _words(file, table, "feet", 2)
+    length, width = (float(v) for v in file.numbers(table, "sole_size_m", 2))
+    x, y, z = (float(v) for v in file.numbers(table, "sole_m", 3))
+    return Legs(left, right, (feet[0], feet[1]), (x, y, z), (length, width))
+
+
+def _gaze(file: TableReader, tables: dict[str, dict[str, Any]]) -> Gaze:
+    camera, gaze = tables["camera"], tables["gaze"]
+    axis = file.word(camera, "axis", "x")
+    if axis not in AXES:
+        raise file.refusal("axis", axis, f"one of {', '.join(AXES)}")
+    return Gaze(
+        file.word(gaze, "pan"),
+        file.word(gaze, "tilt"),
+        file.word(camera, "frame"),
+        axis,
+        _place(file, camera),
+    )
+
+
+def _model(file: TableReader, tables: dict[str, dict[str, Any]]) -> RobotModel:
+    body, gait, steps, gaze = (tables[name] for name in ("body", "gait", "steps", "gaze"))
+
+    def length(table: dict[str, Any], key: str) -> float:
+        return file.number(table, key, None, 0.01, 5.0)
+
+    def speed(key: str, least: float) -> float:
+        return file.number(steps, key, None, least, 5.0)
+
+    sole = file.numbers(tables["legs"], "sole_size_m", 2)
+    highest, lowest = file.numbers(gaze, "tilt_deg", 2)
+    return RobotModel(
+        radius_m=length(body, "radius_m"),
+        width_m=length(body, "width_m"),
+        depth_m=length(body, "depth_m"),
+        height_m=length(body, "height_m"),
+        passage_width_m=length(body, "passage_m"),
+        foot_m=(float(sole[0]), float(sole[1])),
+        eye_m=length(tables["camera"], "eye_m"),
+        hip_m=length(gait, "hip_m"),
+        gait=GaitLimits(
+            speed("cruise_mps", 0.001),
+            speed("max_mps", 0.001),
+            speed("back_mps", 0.0),
+            speed("side_mps", 0.0),
+            file.number(steps, "turn_deg", None, 0.1, 90.0),
+            file.number(gait, "single_support_s", None, 0.25, 5.0),
+            file.number(gait, "double_support_s", None, 0.02, 5.0),
+        ),
+        head=HeadLimits(
+            file.number(gaze, "pan_deg", None, 1.0, 180.0),
+            (float(highest), float(lowest)),
+            file.number(gaze, "speed_radps", None, 0.01, 100.0),
+        ),
+    )
+
+
+def _sensor(file: TableReader, name: str, table: dict[str, Any]) -> Sensor:
+    def of(key: str, wanted: bool, most: float) -> float:
+        return file.number(table, key, None, 0.001, most) if wanted else 0.0
+
+    return Sensor(
+        file.count(table, "width", 0, 4096),
+        file.count(table, "height", 0, 4096),
+        file.number(table, "across_deg", None, 1.0, 169.0),
+        _place(file, table),
+        of("down_deg", name == "tof", 169.0),
+        of("baseline_m", name == "stereo", 1.0),
+    )
+
+
+def _place(file: TableReader, table: dict[str, Any]) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in file.numbers(table, "at_m", 3)) if "at_m" in table else (0.0,) * 3
+    return x, y, z
+
+
+def _words(file: TableReader, table: dict[str, Any], key: str, count: int) -> tuple[str, ...]:
+    value = table.get(key)
+    good = isinstance(value, list) and all(isinstance(word, str) and word for word in value)
+    if not good or not isinstance(value, list) or len(set(value)) != count or len(value) != count:
+        raise file.refusal(key, value, f"a list of {count} different names")
+    return tuple(value)

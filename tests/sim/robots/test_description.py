@@ -1,0 +1,114 @@
+"""Descriptions: ours need no wheel, and a mistake is refused with its place and what was expected."""
+
+import re
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.robot_model import RADIUS_M
+from sim.robot import RobotConfig, grown
+from sim.robots import catalogue, installed
+from sim.robots.jointed import jointed
+
+LITTLE = Path(__file__).resolve().parents[2] / "little_robot"
+TEXT = (LITTLE / "little.toml").read_text()
+
+
+@pytest.mark.parametrize("name", catalogue.names())
+def test_our_descriptions_are_read_without_their_packages(name):
+    robot = catalogue.load(name)
+    model = robot.model
+    assert (robot.title, robot.licence, robot.origin) != ("", "", "")
+    assert len(set(robot.moving)) == 14
+    assert RADIUS_M < model.radius_m < model.height_m < 2.0
+    assert model.hip_m < robot.walk.com_m + 0.1 < model.eye_m < model.height_m
+    config = grown(RobotConfig(model=name))
+    assert config.gait.forward_limit_m == pytest.approx(
+        model.gait.max_speed_mps * model.gait.step_s
+    )
+    assert (config.tof, config.stereo, config.colour) == (True, False, True)
+
+
+def test_what_a_description_says_reaches_the_models_of_gait_gaze_and_cameras():
+    robot = catalogue.read(LITTLE / "little.toml")
+    config = grown(RobotConfig(model=str(LITTLE / "little.toml")))
+    assert robot.model.head.tilt_deg == config.head.tilt_deg == (15.0, 65.0)
+    assert (config.gait.stance_width_m, config.gait.com_height_m) == (0.16, 0.5)
+    assert (config.tof_camera.width, config.tof_camera.across_deg) == (106, 87.0)
+    assert config.colour_camera.mount_m == (0.0, 0.015, 0.0)
+    assert config.measures.trunk_m[:2] == (robot.model.depth_m, robot.model.width_m)
+    assert config.walker.breadth == pytest.approx(robot.model.radius_m / RADIUS_M)
+
+
+def changed(tmp_path, old, new):
+    assert old in TEXT
+    (tmp_path / "little.urdf").write_text((LITTLE / "little.urdf").read_text())
+    path = tmp_path / "mine.toml"
+    path.write_text(TEXT.replace(old, new, 1))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("hip_m", "hips_m", "[gait] key 'hips_m' is unknown; did you mean 'hip_m'?"),
+        ("com_m = 0.5\n", "", "com_m = None; expected a finite number"),
+        ("hip_m = 0.45", "hip_m = 45", "hip_m = 45; expected a number, from 0.01 to 5"),
+        ('"l_hip_roll", ', "", "expected a list of 6 different names"),
+        ("tilt_deg = [15, 65]", "tilt_deg = [65, 15]", "tilt_deg=(65.0, 15.0) must be (highest,"),
+        ("cruise_mps = 0.12", "cruise_mps = 0.5", "cruise_mps=0.5 is above max_speed_mps=0.15"),
+        ('frame = "head"', 'frame = "head"\naxis = "y"', "axis = 'y'; expected one of x, z, body"),
+        ("[gaze]", "[gauze]", "key 'gauze' is unknown; did you mean 'gaze'?"),
+        ("width = 106", "width = 10.5", "width = 10.5; expected a whole number"),
+        ("down_deg = 58\n", "", "down_deg = None; expected a finite number"),
+        ('title = "Little"', "title = 3", "title = 3; expected a text in quotes"),
+        ("l_elbow = -10", 'l_elbow = "up"', "l_elbow = 'up'; expected a finite number"),
+        ("turn_deg = 90", "turn_deg = [", "is not valid TOML"),
+    ],
+)
+def test_a_mistake_in_a_description_is_named(tmp_path, old, new, message):
+    path = changed(tmp_path, old, new)
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
+        catalogue.load(str(path))
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"little.urdf"', '"other.urdf"', "urdf = 'other.urdf': no such file"),
+        ('"l_knee"', '"l_knees"', "no joint 'l_knees'"),
+        ('frame = "head"', 'frame = "hat"', "no link 'hat'"),
+        ('feet = ["l_foot", "r_foot"]', 'feet = ["r_foot", "l_foot"]', "'r_foot' is not carried"),
+        (
+            "tilt_deg = [15, 65]",
+            "tilt_deg = [0, 65]",
+            "tilt 0 deg is out of reach; the joints get to",
+        ),
+    ],
+)
+def test_a_description_that_its_urdf_contradicts_is_refused(tmp_path, old, new, message):
+    robot = catalogue.load(str(changed(tmp_path, old, new)))
+    with pytest.raises(InputError, match=re.escape(message)):
+        jointed(robot)
+
+
+def test_an_unknown_robot_a_missing_package_and_a_dynamic_body_say_what_to_do(monkeypatch):
+    with pytest.raises(
+        ConfigError, match=r"model='taloss' is unknown; did you mean 'talos'\? choose surefoot"
+    ):
+        catalogue.load("taloss")
+    with pytest.raises(ConfigError, match="has no dynamic body; set body='kinematic'"):
+        RobotConfig(model="g1", body="dynamic")
+
+    def absent(name):
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "distribution", absent)
+    assert installed.folder("example-robot-data") is None
+    with pytest.raises(
+        InputError, match=r"robot 'g1' needs the package example-robot-data.*pip install"
+    ):
+        catalogue.load("g1").urdf_path()
