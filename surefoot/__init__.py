@@ -2,12 +2,12 @@
 
 The library for a user's own programs; the names below load what they need on first use.
 
-Values: `Camera`, `Plane`, `Pose2`, `Pose3`, `Gaussian`, `Landmark`, `Obstacle`, `Footprint`, `Cluster`, `RobotModel`;
+Values: `Camera`, `Plane`, `Pose2`, `Pose3`, `Gaussian`, `Landmark`, `Obstacle`, `Footprint`, `Cluster`, `Region`, `Staircase`, `RobotModel`;
 `Frame` with `DepthView`, `RangeView`, `StereoView`, `ColourView`, `StepOdometry`, `Imu`, `Depth`; `WorldModel`;
 `Config`; `SurefootError` and its kind `InputError`.
 
-Functions on NumPy arrays: `find_floor`, `find_obstacles`, `find_footprints`, `stereo_depth`, `gaze_map`,
-`find_path`. Objects that live from frame to frame: `Tracker`, `Pipeline`. Whole runs: `simulate`, `process`, `map`,
+Functions on NumPy arrays: `find_floor`, `find_regions`, `find_stairs`, `find_obstacles`, `find_footprints`,
+`stereo_depth`, `gaze_map`, `find_path`. Objects that live from frame to frame: `Tracker`, `Pipeline`. Whole runs: `simulate`, `process`, `map`,
 `panorama`, `monocular`, `evaluate`, which return a `Run`.
 
 Plug-ins, by class or as "package.module:Class": `Planner` (gives a `Decision` of `WalkCommand` and `GazeCommand`),
@@ -54,6 +54,8 @@ if TYPE_CHECKING:
     from perception.primitives.plane import Plane
     from perception.primitives.pose import Pose2, Pose3
     from perception.primitives.robot_model import RobotModel
+    from perception.terrain.region import Region
+    from perception.terrain.staircase import Staircase
     from planning.commands import GazeCommand, WalkCommand
     from planning.gaze.policy import GazePolicy
     from planning.planners.planner import Decision, Planner
@@ -67,6 +69,7 @@ if TYPE_CHECKING:
     from .library.pipeline import Pipeline
     from .library.run_results import Run
     from .library.stereo import stereo_depth
+    from .library.terrain import find_regions, find_stairs
     from .library.tracker import Tracker
     from .library.verbs import evaluate, map, monocular, panorama, process, simulate
     from .recordings.recording import Recording, RecordingInfo
@@ -90,6 +93,8 @@ _MODULES = {
     "perception.primitives.plane": ("Plane",),
     "perception.primitives.pose": ("Pose2", "Pose3"),
     "perception.primitives.robot_model": ("RobotModel",),
+    "perception.terrain.region": ("Region",),
+    "perception.terrain.staircase": ("Staircase",),
     "planning.commands": ("GazeCommand", "WalkCommand"),
     "planning.gaze.policy": ("GazePolicy",),
     "planning.planners.planner": ("Decision", "Planner"),
@@ -102,6 +107,7 @@ _MODULES = {
     "surefoot.library.pipeline": ("Pipeline",),
     "surefoot.library.run_results": ("Run",),
     "surefoot.library.stereo": ("stereo_depth",),
+    "surefoot.library.terrain": ("find_regions", "find_stairs"),
     "surefoot.library.tracker": ("Tracker",),
     "surefoot.library.verbs": ("evaluate", "map", "monocular", "panorama", "process", "simulate"),
     "surefoot.recordings.recording": ("Recording", "RecordingInfo"),
@@ -112,9 +118,9 @@ __all__ = [
     "Camera", "Cluster", "ColourView", "Config", "Decision", "Depth", "DepthSource", "DepthView", "Detection", "Footprint",
     "Frame", "Gaussian", "GazeCommand", "GazePolicy", "Imu", "InputError", "Landmark", "MotionModel",
     "Obstacle", "Pipeline", "Plane", "Planner", "Pose2", "Pose3", "RangeView", "Recording", "RecordingInfo",
-    "RobotModel", "Run", "StepOdometry", "StereoView", "SurefootError", "Tracker", "WalkCommand",
+    "Region", "RobotModel", "Run", "Staircase", "StepOdometry", "StereoView", "SurefootError", "Tracker", "WalkCommand",
     "WorldModel", "__version__", "evaluate", "find_floor", "find_footprints", "find_obstacles", "find_path",
-    "gaze_map", "map", "monocular", "panorama", "process", "simulate", "stereo_depth",
+    "find_regions", "find_stairs", "gaze_map", "map", "monocular", "panorama", "process", "simulate", "stereo_depth",
 ]  # fmt: skip
 
 

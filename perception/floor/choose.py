@@ -128,7 +128,7 @@ def find(
         if start is None:
             return None
         fit = _fitted(points, start, prior, config, sensor)
-        explained = fit is not None and _explains(points, fit, config)
+        explained = fit is not None and explains(points, fit, config)
         floor = _verified(fit, prior) if fit is not None and explained else None
         if floor is not None:
             return floor
@@ -149,7 +149,7 @@ def _fitted(
     return refine(points, start, config.sample, config.refine, distortion, settle)
 
 
-def _explains(points: Points, fit: Fit, config: FloorConfig) -> bool:
+def explains(points: Points, fit: Fit, config: FloorConfig) -> bool:
     """Whether noise, and the bend of the sensor, explain the residuals of a plane; stairs are not explained."""
     if fit.core_share >= LEAST_CORE:
         return True

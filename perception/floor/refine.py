@@ -66,6 +66,21 @@ class RefineConfig:
 
 
 @dataclass(frozen=True)
+class Scatter:
+    """Covariance of a plane by the noise of its points, in parts.
+
+    Args:
+        independent: (3, 3), covariance as in `Plane.covariance` if the noise of pixels were independent.
+        correlation: By how much the scatter of image cells exceeds that.
+        cells: Number of these cells.
+    """
+
+    independent: Float[np.ndarray, "3 3"]
+    correlation: float
+    cells: int
+
+
+@dataclass(frozen=True)
 class Fit:
     """A plane fitted to points.
 
@@ -77,6 +92,7 @@ class Fit:
         below_share: Share of all points that lie clearly below it.
         core_share: Share of its points that lie within a third of their band. Noise puts two thirds there and more,
             a ramp through stairs one third.
+        scatter: How the covariance of `among_points` came about; None by `flow_chart`.
     """
 
     plane: Plane
@@ -84,6 +100,7 @@ class Fit:
     share: float
     below_share: float
     core_share: float
+    scatter: Scatter | None = None
 
 
 def refine(
@@ -157,13 +174,16 @@ def refine(
         return None
     inverse = np.linalg.inv(A)
     factor = float(np.trace(inverse @ B)) / 3.0 * cells / max(cells - 3, 1)
-    factor = max(factor, 1.0 if cells < MANY_CELLS else LEAST_FACTOR)
+    measured, factor = factor, max(factor, 1.0 if cells < MANY_CELLS else LEAST_FACTOR)
     J = slope_jacobian(Plane(normal, rho))
     own = J @ (factor * inverse) @ J.T
     edge = max(float(np.max(np.abs(points.xyz[:, 0] / points.xyz[:, 2]))), LEAST_EDGE)
     common = J @ common_covariance(sums, inverse, change, before, distortion, edge) @ J.T
     plane = Plane(normal, rho, own + common)
-    return Fit(plane, Plane(normal, rho, own), near / len(points), below / len(points), core / near)
+    among_points = Plane(normal, rho, own)
+    shares = (near / len(points), below / len(points), core / near)
+    scatter = Scatter(J @ inverse @ J.T, measured, cells)
+    return Fit(plane, among_points, *shares, scatter)
 
 
 def core_without_bend(points: Points, plane: Plane, scoring: ScoreConfig) -> float:

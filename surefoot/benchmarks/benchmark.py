@@ -21,6 +21,7 @@ NAMES = (
     "stereo",
     "backproject",
     "plane",
+    "regions",
     "grid",
     "ukf",
     "astar",

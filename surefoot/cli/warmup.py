@@ -59,10 +59,12 @@ def warm(say: Callable[[str], None]) -> None:
         navigator.decide(pipeline.cycle(seen))
     say(f"cycle and decision: {time.perf_counter() - began:.1f} s")
     began = time.perf_counter()
+    from perception.depth import structured_light
     from perception.depth.points import Points
     from perception.floor import choose
     from perception.obstacles.track import Detection
     from perception.obstacles.tracker import ObstacleTracker
+    from perception.terrain import segmentation
     from planning.commands import WalkCommand
     from planning.safety import guard
     from planning.univector import motion
@@ -75,6 +77,9 @@ def warm(say: Callable[[str], None]) -> None:
         choose.find(cloud, expected, rng, choose.FloorConfig(method=method))
     mover = Obstacle(Gaussian(np.array([0.6, 0.0, -0.05, 0.0]), np.eye(4) * 1e-3), 0.1, moving=1.0)
     robot = Gaussian(np.zeros(3), np.eye(3) * 1e-4)
+    seen_depth = frame(0.0, rng).depth
+    assert seen_depth is not None
+    segmentation.find(structured_light.depth(seen_depth))
     tracker = ObstacleTracker()
     for number in range(4):
         seen_again = Detection(np.array([1.0, 0.0]), np.eye(2) * 1e-4, 0.1)

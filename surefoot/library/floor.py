@@ -77,15 +77,25 @@ def search(
         structured_light: Whether the noise is that of a structured-light camera, with its shared error.
         seed: Of the random samples.
     """
-    T_body_camera = depth.T_body_camera
+    sensor = "depth" if structured_light else None
+    prior = expected(depth.T_body_camera, up)
+    return choose.find(cloud, prior, np.random.default_rng(seed), None, sensor)
+
+
+def expected(T_body_camera: Pose3 | None, up: ArrayLike | None) -> Plane:
+    """The floor that joint angles, a direction, or neither let one expect, camera frame.
+
+    Args:
+        T_body_camera, up: As for `find_floor`.
+
+    Raises:
+        InputError: `up` is no direction.
+    """
     if T_body_camera is not None:
         config = PriorConfig()
         tilt = math.radians(config.joints_tilt_deg)
-        prior = kinematic_prior(T_body_camera, tilt, config.joints_height_m)
-    else:
-        direction = None if up is None else checks.numbers(up, (3,), "up")
-        if direction is not None and not np.any(direction):
-            raise InputError("up must not be the zero vector")
-        prior = handheld_prior(direction)
-    sensor = "depth" if structured_light else None
-    return choose.find(cloud, prior, np.random.default_rng(seed), None, sensor)
+        return kinematic_prior(T_body_camera, tilt, config.joints_height_m)
+    direction = None if up is None else checks.numbers(up, (3,), "up")
+    if direction is not None and not np.any(direction):
+        raise InputError("up must not be the zero vector")
+    return handheld_prior(direction)

@@ -1,0 +1,50 @@
+"""Inclination of regions: level, a ramp, or upright, as far as the doubt of up and of the plane allows to say.
+
+Source: ours.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..primitives.plane import Plane
+from .region import Region
+
+SIGMAS = 3.0  # ours
+RAMP_RAD = (
+    math.radians(2.0),
+    math.radians(35.0),
+)  # ours: treads fall by 1 deg at most; steeper is no ground
+RAMP_M = 0.45  # ours: length along the slope; a shorter one may be a tread, seen crooked
+
+
+def inclination(region: Region, prior: Plane) -> tuple[float, float]:
+    """Angle between a region and the horizontal, and its standard deviation, rad.
+
+    Args:
+        region: The region.
+        prior: Predicted floor, camera frame, with the covariance of its tilt.
+    """
+    tilt = (
+        prior.tangents @ region.plane.normal
+    )  # of the region's normal, about the prior's tangents
+    size = float(np.linalg.norm(tilt))
+    way = tilt / size if size > 0.0 else np.array([1.0, 0.0])
+    turn = way @ prior.tangents @ region.plane.tangents.T
+    variance = way @ prior.covariance[:2, :2] @ way + turn @ region.plane.covariance[:2, :2] @ turn
+    return region.slope_rad(prior.normal), math.sqrt(float(variance))
+
+
+def ramps(regions: list[Region], prior: Plane) -> list[int]:
+    """Indices of the regions that are inclined beyond doubt, and ground nevertheless."""
+    found = []
+    for index, one in enumerate(regions):
+        angle, sigma = inclination(one, prior)
+        inclined = angle - SIGMAS * sigma > RAMP_RAD[0] and angle < RAMP_RAD[1]
+        along = prior.normal - (prior.normal @ one.plane.normal) * one.plane.normal
+        along = along / max(float(np.linalg.norm(along)), 1e-9)
+        if inclined and np.ptp(one.outline @ along) >= RAMP_M:
+            found.append(index)
+    return found

@@ -1,0 +1,199 @@
+"""Plane regions of one depth image: floors, treads, risers, ramps, kerbs, the ground of a hole.
+
+Cells of some pixels that a plane explains grow into regions, as long as one plane explains all of them; the test has the
+noise of each pixel and an error that the pixels of a cell share. Then
+every pixel goes to the region nearby that explains it best, and each region is fitted as the floor is. A region whose
+residuals its own noise does not explain (stairs far away that look like a ramp) is not claimed.
+
+Source: growth of planar cells after Poppinga et al. 2008 and Proenca and Gao 2018 (CAPE); sums that add up after Feng,
+Taguchi and Kamat 2014; tests by the noise of each pixel, and the fit, ours (`floor.refine`).
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, Int16
+
+from ..depth._block_matching_kernels import SIDE
+from ..depth.points import Points
+from ..depth.reach import ReachConfig
+from ..floor.choose import FloorConfig, explains
+from ..floor.refine import LEAST_FACTOR, MANY_CELLS, NONE, Fit, Scatter, refine
+from ..primitives.camera import Camera
+from ..primitives.frame import Depth
+from ..primitives.plane import Plane
+from . import _region_kernels as kernels
+from .distorted import by_distortion
+from .edges import straight_edges
+from .region import Region
+
+CELLS_ACROSS, CELLS_DOWN = 80, 120  # ours: level ground is foreshortened, so cells are wide
+LEAST_WIDE_PX, LEAST_TALL_PX = 4, 3  # ours
+FULL = 0.7  # ours: share of a cell's pixels with depth
+FLAT = 2.5  # ours: most squared residual of a cell per degree of freedom
+ROUGH_M = 0.002  # ours: of a surface within a cell
+COMMON_M = 0.003  # ours: error that the pixels of a cell share; roughness of floors in `refine`
+COMMON_SIGMAS = (
+    0.5  # ours: the same in standard deviations of a pixel; block matching smooths its noise
+)
+GATE = 16.3  # chi-square, 3 degrees of freedom, 0.999
+LEAST_CELLS = 4  # ours
+ALIKE = 0.15  # ours: squared residual per pixel by which regions that are joined may fit worse
+REACH_CELLS = 2  # ours
+MOST_REGIONS = 64  # ours
+PIXEL_SIGMAS = 3.0  # ours
+MARGIN_PX = (
+    2  # ours: border of a region that its fit leaves out; half a block more after block matching
+)
+THIN = 0.2  # ours: least share of a region's pixels away from its border for that
+LEAST_PIXELS, LEAST_SHARE = 100, 0.002  # ours: of the image; smaller regions are not claimed
+
+
+def find(
+    depth: Depth,
+    reach: ReachConfig | None = None,
+    config: FloorConfig | None = None,
+    sensor: str | None = None,
+) -> list[Region]:
+    """Plane regions of a depth image, the largest first.
+
+    Args:
+        depth: With the standard deviation of every pixel.
+        reach: Depths used.
+        config: Bands of the fit, and the distortion of each kind of sensor.
+        sensor: "tof", "stereo" or "depth", which sets the distortion; None if unknown.
+
+    Returns:
+        Regions in the camera frame, each with covariance and edges; empty if none is seen.
+
+    Raises:
+        InputError: The image does not fit its camera.
+    """
+    reach, config = reach or ReachConfig(), config or FloorConfig()
+    depth.camera.check_image("depth", depth.z)
+    depth.camera.check_image("sigma", depth.sigma)
+    q, weight = np.empty((2, *depth.z.shape), np.float32)
+    labels, counts, slopes = _labels(depth, reach, q, weight)
+    distortion = config.distortion.of(sensor)
+    edge = float(np.max(np.abs(depth.camera.slopes[0])))
+    fits: list[tuple[Points, Points, Fit]] = []
+    kept = np.full(len(counts) + 1, -1, np.int16)  # by label; the last one is that of no region
+    for label, points, inside in _points(labels, counts, q, weight, depth):
+        thick = np.count_nonzero(inside) > max(LEAST_PIXELS, THIN * len(inside))
+        middle = points.of(inside) if thick else points
+        start = _start(slopes[label])
+        fit = refine(middle, start, config.sample, config.refine, NONE)
+        if fit is not None and explains(middle, fit, config):
+            kept[label] = len(fits)
+            fits.append((points, middle, fit))
+    correlation = _correlation([fit.scatter for _, _, fit in fits])
+    found = []
+    for points, middle, fit in fits:
+        assert fit.scatter is not None, "refine gives it"
+        own, shared = by_distortion(middle, fit.plane, distortion, edge, depth.baseline_m > 0.0)
+        own = own + correlation * fit.scatter.independent
+        found.append(_region(points, fit.plane, own, shared, depth.camera))
+    return straight_edges(found, kept[labels], q, weight, depth)
+
+
+def _correlation(parts: list[Scatter | None]) -> float:
+    """By how much the covariance of a plane exceeds that by independent noise, by all planes of the view."""
+    cells = np.array([one.cells for one in parts if one is not None])
+    factors = np.array([one.correlation for one in parts if one is not None])
+    if not cells.sum():
+        return 1.0
+    least = 1.0 if cells.sum() < MANY_CELLS else LEAST_FACTOR
+    return max(float(cells @ factors / cells.sum()), least)
+
+
+def _labels(
+    depth: Depth,
+    reach: ReachConfig,
+    q: Float32[np.ndarray, "h w"],
+    weight: Float32[np.ndarray, "h w"],
+) -> tuple[Int16[np.ndarray, "h w"], Int[np.ndarray, "m"], Float[np.ndarray, "m 3"]]:
+    """Region of every pixel, -1 if none; pixels and slope a of each; fills inverse depth and its weight."""
+    height, width = depth.z.shape
+    tall = max(LEAST_TALL_PX, round(height / CELLS_DOWN))
+    wide = max(LEAST_WIDE_PX, round(width / CELLS_ACROSS))
+    x, y = depth.camera.slopes
+    sums = np.zeros((height // tall, width // wide, kernels.SUMS))
+    limits = (max(reach.nearest_m, 1e-6), reach.farthest_m, ROUGH_M)
+    kernels.sum_cells(depth.z, depth.sigma, x, y, limits, (tall, wide), q, weight, sums)
+    rest = np.empty(sums.shape[:2])
+    kernels.flatten(sums, FULL * tall * wide, FLAT, COMMON_M, COMMON_SIGMAS, rest)
+    flat = np.flatnonzero(np.isfinite(rest))
+    order = flat[np.argsort(rest.ravel()[flat] / sums[..., 10].ravel()[flat], kind="stable")]
+    cells = np.full(rest.shape, -1, np.int64)
+    regions, left = np.zeros((MOST_REGIONS, kernels.SUMS)), np.zeros(MOST_REGIONS)
+    count = kernels.grow(sums, rest, order, GATE, LEAST_CELLS, cells, regions, left)
+    kernels.merge(cells, regions[:count], left[:count], ALIKE, REACH_CELLS)
+    slopes = np.zeros((max(count, 1), 3))
+    A, g = np.empty((3, 3)), np.empty(3)
+    for k in range(count):
+        slopes[k] = kernels.fit(regions[k], A, g)[:3]
+    labels = np.empty(depth.z.shape, np.int16)
+    counts = np.zeros(max(count, 1), np.int64)
+    kernels.label_pixels(q, weight, x, y, cells, (tall, wide), slopes, PIXEL_SIGMAS, labels, counts)
+    return labels, counts, slopes
+
+
+def _points(
+    labels: Int16[np.ndarray, "h w"],
+    counts: Int[np.ndarray, "m"],
+    q: Float32[np.ndarray, "h w"],
+    weight: Float32[np.ndarray, "h w"],
+    depth: Depth,
+) -> list[tuple[int, Points, Bool[np.ndarray, "n"]]]:
+    """Points of every region, and which are away from its border; the largest first."""
+    x, y = depth.camera.slopes
+    total = int(counts.sum())
+    xyz, sigma = np.empty((total, 3)), np.empty(total)
+    pixels, inside = np.empty(total, np.int64), np.empty(total, np.bool_)
+    starts = np.cumsum(counts) - counts
+    margin = SIDE // 2 + MARGIN_PX if depth.baseline_m > 0.0 else MARGIN_PX
+    around = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
+    inner = (cv2.erode(labels, around) == labels) & (cv2.dilate(labels, around) == labels)
+    kernels.gather(
+        labels, q, weight, x, y, starts.copy(), inner, ROUGH_M, xyz, sigma, pixels, inside
+    )
+    found = []
+    least = max(LEAST_PIXELS, LEAST_SHARE * labels.size)
+    for k in np.argsort(-counts, kind="stable"):
+        if counts[k] >= least:
+            part = slice(int(starts[k]), int(starts[k] + counts[k]))
+            found.append((int(k), Points(xyz[part], sigma[part], pixels[part]), inside[part]))
+    return found
+
+
+def _start(slope: Float[np.ndarray, "3"]) -> Plane:
+    """The plane of a slope a."""
+    rho = 1.0 / float(np.linalg.norm(slope))
+    return Plane(-slope * rho, rho)
+
+
+def _region(
+    points: Points,
+    fitted: Plane,
+    own: Float[np.ndarray, "3 3"],
+    shared: Float[np.ndarray, "3 k"],
+    camera: Camera,
+) -> Region:
+    """A region without edges."""
+    plane = Plane(fitted.normal, fitted.offset_m, own + shared @ shared.T)
+    middle = points.xyz.mean(axis=0)
+    middle -= plane.distance(middle) * plane.normal
+    area = float((points.xyz[:, 2] ** 3).sum()) / (plane.offset_m * camera.fx * camera.fy)
+    outline = _hull(points.pixels, camera)
+    outline = outline * (-plane.offset_m / (outline @ plane.normal))[:, None]
+    return Region(plane, own, shared, points.pixels, middle, outline, area)
+
+
+def _hull(pixels: Int[np.ndarray, "n"], camera: Camera) -> Float[np.ndarray, "m 3"]:
+    """Rays through the corners of the convex hull of pixels."""
+    v, u = np.divmod(pixels, camera.width)
+    ends = np.flatnonzero(np.diff(v, prepend=-1, append=-1))  # of every row
+    corners = np.column_stack([u, v])[np.r_[ends[:-1], ends[1:] - 1]]
+    hull = cv2.convexHull(corners.astype(np.int32))[:, 0].astype(np.float64)
+    return camera.back_project(hull, np.ones(len(hull)))

@@ -1,0 +1,71 @@
+"""Depth of stairs and ramps in closed form: rays against rectangles."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from perception.primitives.camera import Camera
+from perception.primitives.frame import Depth
+from perception.primitives.plane import Plane
+from perception.primitives.pose import Pose3, head_rotation
+
+CAMERA = Camera.from_view(320, 240, math.radians(70.0), math.radians(55.0))
+HALF_M = 0.7  # half the width of stairs and ramps
+TILT_SIGMA = math.radians(1.2)
+Rectangle = tuple[tuple[float, float], tuple[float, float], float]
+"""Start and end (x ahead, z up) of a surface, and half its width, m."""
+
+
+def stairs(
+    riser: float, tread: float, steps: int, away: float, down: bool = False
+) -> list[Rectangle]:
+    """Treads and risers; down: seen from the top landing, which is at height 0."""
+    sign = -1.0 if down else 1.0
+    found: list[Rectangle] = [((-2.0, 0.0), (away, 0.0), 3.0)]
+    for k in range(steps):
+        x, low, high = away + k * tread, sign * k * riser, sign * (k + 1) * riser
+        end = x + tread if k + 1 < steps else x + 3.0
+        found += [((x, low), (x, high), HALF_M), ((x, high), (end, high), HALF_M)]
+    return found
+
+
+def ramp(slope_rad: float, away: float, length: float = 2.0) -> list[Rectangle]:
+    """Level ground, then a ramp that rises by a slope."""
+    end = (away + length, length * math.tan(slope_rad))
+    return [((-2.0, 0.0), (away, 0.0), 3.0), ((away, 0.0), end, HALF_M)]
+
+
+def pose(height: float, tilt: float, yaw: float = 0.0) -> Pose3:
+    """A camera above the origin, tilted down."""
+    return Pose3.from_rotation(head_rotation(yaw, tilt), np.array([0.0, 0.0, height]))
+
+
+def look(
+    surfaces: list[Rectangle], T: Pose3, noise_m: float, seed: int = 0, camera: Camera = CAMERA
+) -> Depth:
+    """Depth of the nearest surface along each ray, with independent noise; NaN beyond 4 m."""
+    rays = camera.rays @ T.rotation.T
+    z = np.full(rays.shape[:2], np.inf)
+    for (x0, z0), (x1, z1), half in surfaces:
+        normal = np.array([z0 - z1, 0.0, x1 - x0])
+        corner = np.array([x0, 0.0, z0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = normal @ (corner - T.position) / (rays @ normal)
+        place = T.position + np.where(np.isfinite(depth), depth, 0.0)[..., None] * rays
+        share = (
+            (place - corner) @ np.array([x1 - x0, 0.0, z1 - z0]) / ((x1 - x0) ** 2 + (z1 - z0) ** 2)
+        )
+        hit = (depth > 0.05) & (share >= 0.0) & (share <= 1.0) & (np.abs(place[..., 1]) <= half)
+        z = np.where(hit & (depth < z), depth, z)
+    z[z > 4.0] = np.nan
+    z = z + noise_m * np.random.default_rng(seed).standard_normal(z.shape)
+    sigma = np.where(np.isfinite(z), noise_m, np.nan)
+    return Depth(z.astype(np.float32), sigma.astype(np.float32), camera)
+
+
+def prior(T: Pose3) -> Plane:
+    """The true ground z = 0 in the camera frame, known to a degree and a centimetre."""
+    true = Plane(np.array([0.0, 0.0, 1.0]), 0.0).moved(T.inverse())
+    return Plane(true.normal, true.offset_m, np.diag([TILT_SIGMA**2, TILT_SIGMA**2, 1e-4]))

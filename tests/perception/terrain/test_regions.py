@@ -1,0 +1,139 @@
+"""Plane regions of ray-cast stairs, ramps, kerbs and holes against their true planes."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from perception.depth.distortion import Distortion, DistortionConfig
+from perception.floor.choose import FloorConfig
+from perception.primitives.errors import InputError
+from perception.primitives.frame import Depth
+from perception.terrain import inclination, segmentation
+from perception.terrain.region import EdgeKind
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import stair_scenes as scenes
+
+NOISE_M = 0.004
+EXACT = FloorConfig(distortion=DistortionConfig(depth=Distortion()))
+T = scenes.pose(0.9, 0.55, 0.2)
+
+
+def found(surfaces, seed=0, pose=T):
+    return segmentation.find(
+        scenes.look(surfaces, pose, NOISE_M, seed), config=EXACT, sensor="depth"
+    )
+
+
+def heights(regions, pose=T):
+    """Heights of the level regions above the ground, in ascending order."""
+    up = scenes.prior(pose).normal
+    level = [one for one in regions if one.slope_rad(up) < math.radians(5.0)]
+    return sorted(float(up @ one.middle) + pose.position[2] for one in level)
+
+
+def test_every_tread_is_a_region_of_its_own():
+    np.testing.assert_allclose(
+        heights(found(scenes.stairs(0.15, 0.28, 3, 0.7))), [0.0, 0.15, 0.30, 0.45], atol=0.003
+    )
+
+
+def test_treads_that_lead_down_are_regions_too():
+    regions = found(scenes.stairs(0.15, 0.30, 3, 0.6, down=True), pose=scenes.pose(1.1, 0.75))
+    np.testing.assert_allclose(
+        heights(regions, scenes.pose(1.1, 0.75)), [-0.45, -0.30, -0.15, 0.0], atol=0.004
+    )
+
+
+@pytest.mark.parametrize("slope_deg", [7.0, 10.0, 20.0])
+def test_a_ramp_is_one_region_with_its_slope(slope_deg):
+    regions = found(scenes.ramp(math.radians(slope_deg), 0.7))
+    ramps = inclination.ramps(regions, scenes.prior(T))
+    assert len(ramps) == 1
+    angle, sigma = inclination.inclination(regions[ramps[0]], scenes.prior(T))
+    assert math.degrees(angle) == pytest.approx(slope_deg, abs=0.2)
+    assert sigma == pytest.approx(scenes.TILT_SIGMA, rel=0.1)  # up is no better known
+
+
+def test_a_slope_within_the_doubt_of_up_is_not_called_a_ramp():
+    regions = found(scenes.ramp(math.radians(4.0), 0.7))
+    assert inclination.ramps(regions, scenes.prior(T)) == []
+
+
+def test_flat_ground_is_one_region_and_no_ramp():
+    regions = found([((-2.0, 0.0), (6.0, 0.0), 3.0)])
+    assert len(regions) == 1
+    assert inclination.ramps(regions, scenes.prior(T)) == []
+
+
+def test_the_planes_keep_to_their_covariance():
+    nees = []
+    for seed in range(12):
+        for one in found(scenes.stairs(0.17, 0.28, 3, 0.7), seed):
+            up, height = scenes.prior(T).normal, float(scenes.prior(T).normal @ one.middle) + 0.9
+            if one.slope_rad(up) < 0.1:
+                step = round(height / 0.17) * 0.17
+                true = type(one.plane)(up, 0.9 - step)
+                error = one.plane.error_to(true)
+                nees.append(float(error @ np.linalg.solve(one.plane.covariance, error)) / 3.0)
+    assert 0.5 < np.mean(nees) < 2.0
+
+
+def test_the_end_of_a_landing_is_an_edge_with_its_sigma():
+    off = []
+    pose = scenes.pose(1.1, 0.75)
+    for seed in range(8):
+        surfaces = scenes.stairs(0.17, 0.30, 3, 0.6, down=True)
+        top = max(found(surfaces, seed, pose), key=lambda one: float(-one.plane.offset_m))
+        ends = [edge for edge in top.edges if edge.kind == EdgeKind.OCCLUDING]
+        assert ends, "the landing ends at a step down"
+        edge = max(ends, key=lambda one: one.length_m)
+        off.append(
+            (pose.apply(edge.middle)[0] - nearest(pose.apply(edge.middle)[0])) / edge.sigma_m
+        )
+    assert np.sqrt(np.mean(np.square(off))) < 2.0
+
+
+def nearest(x):
+    """The true nosing nearest to a place ahead."""
+    return 0.6 + 0.30 * round((x - 0.6) / 0.30)
+
+
+def test_a_hole_is_an_edge_of_the_floor_and_a_lower_region():
+    surfaces = [((-2.0, 0.0), (1.0, 0.0), 3.0), ((1.0, -0.3), (3.0, -0.3), 3.0)]
+    regions = found(surfaces, pose=scenes.pose(1.2, 0.8))
+    np.testing.assert_allclose(heights(regions, scenes.pose(1.2, 0.8)), [-0.3, 0.0], atol=0.004)
+
+
+def test_most_pixels_of_a_region_are_those_of_its_surface():
+    depth = scenes.look(scenes.stairs(0.15, 0.28, 3, 0.7), T, NOISE_M)
+    rays = scenes.CAMERA.rays @ T.rotation.T
+    height = 0.9 + rays[..., 2] * depth.z
+    for one in segmentation.find(depth, config=EXACT, sensor="depth"):
+        if one.slope_rad(scenes.prior(T).normal) < 0.1:
+            step = round((float(scenes.prior(T).normal @ one.middle) + 0.9) / 0.15) * 0.15
+            on = np.abs(height[one.mask(scenes.CAMERA)] - step) < 0.02
+            assert on.mean() > 0.97
+
+
+def test_noise_and_nothing_give_no_region():
+    camera = scenes.CAMERA
+    rng = np.random.default_rng(0)
+    shape = (camera.height, camera.width)
+    noise = rng.uniform(0.5, 3.0, shape).astype(np.float32)
+    sigma = np.full(shape, 0.002, np.float32)
+    assert segmentation.find(Depth(noise, sigma, camera)) == []
+    nothing = np.full(shape, np.nan, np.float32)
+    assert segmentation.find(Depth(nothing, nothing, camera)) == []
+
+
+def test_an_image_that_does_not_fit_its_camera_is_refused():
+    wrong = np.ones((10, 10), np.float32)
+    with pytest.raises(InputError, match="intrinsics"):
+        segmentation.find(Depth(wrong, wrong, scenes.CAMERA))
