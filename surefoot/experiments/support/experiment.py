@@ -62,6 +62,7 @@ FILES = {
     "localisation": "joint.localisation",
     "prediction": "joint.prediction",
     "sensors": "joint.sensors",
+    "stairs-perception": "joint.stairs_perception",
     "strangers": "joint.strangers",
     "walking": "joint.walking",
     "mrclam": "real.mrclam",
