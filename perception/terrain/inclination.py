@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from jaxtyping import Float
 
 from ..primitives.plane import Plane
 from .region import Region
@@ -17,6 +18,7 @@ RAMP_RAD = (
     math.radians(2.0),
     math.radians(35.0),
 )  # ours: treads fall by 1 deg at most; steeper is no ground
+FILLED = 0.5  # ours: share of its outline that a ramp fills; a plane through far stairs has stripes of each
 RAMP_M = 0.45  # ours: length along the slope; a shorter one may be a tread, seen crooked
 
 
@@ -45,6 +47,13 @@ def ramps(regions: list[Region], prior: Plane) -> list[int]:
         inclined = angle - SIGMAS * sigma > RAMP_RAD[0] and angle < RAMP_RAD[1]
         along = prior.normal - (prior.normal @ one.plane.normal) * one.plane.normal
         along = along / max(float(np.linalg.norm(along)), 1e-9)
-        if inclined and np.ptp(one.outline @ along) >= RAMP_M:
+        long = np.ptp(one.outline @ along) >= RAMP_M
+        if inclined and long and one.area_m2 >= FILLED * _area(one.outline):
             found.append(index)
     return found
+
+
+def _area(outline: Float[np.ndarray, "m 3"]) -> float:
+    """Area of a flat polygon, m^2."""
+    away = outline - outline[0]
+    return float(np.linalg.norm(np.cross(away, np.roll(away, -1, axis=0)).sum(axis=0))) / 2.0

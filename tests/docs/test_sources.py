@@ -22,9 +22,9 @@ def cells(notebook: Path) -> list[str]:
     return [re.sub(r"\A(---\n.*?\n---\n|(:.*\n)+)", "", code, flags=re.DOTALL) for code in found]
 
 
-def test_there_are_five_notebooks_and_the_page_of_failures():
+def test_there_are_five_notebooks_and_the_pages_of_failures_and_of_stairs():
     names = {p.stem for p in NOTEBOOKS}
-    assert names == {"floor", "trajectory", "map", "gaze", "planner", "limits"}
+    assert names == {"floor", "trajectory", "map", "gaze", "planner", "limits", "stairs"}
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda p: p.stem)

@@ -63,6 +63,7 @@ FILES = {
     "prediction": "joint.prediction",
     "robots": "joint.robots",
     "sensors": "joint.sensors",
+    "stairs-perception": "joint.stairs_perception",
     "strangers": "joint.strangers",
     "walking": "joint.walking",
     "mrclam": "real.mrclam",

@@ -1,0 +1,86 @@
+"""The labelled staircase of the time-of-flight set DPD: overlap of plane regions with its treads and risers.
+
+The image has grey levels without units, brighter where nearer, close to linear in inverse depth; so a plane is a plane in any
+unit. Five of its planes are numbered by the data set; all five are risers, as their grey level does not change downwards. Its
+treads are the strips of some rows between them. Labels are used for scoring only; pixels without one are not scored.
+
+Source: ours; data set DPD planes (Jin et al. 2017).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Int
+
+from perception.depth.distortion import Distortion, DistortionConfig
+from perception.depth.reach import ReachConfig
+from perception.floor.choose import FloorConfig
+from perception.primitives.errors import InputError
+from perception.primitives.frame import Depth
+from perception.terrain import segmentation
+
+from ..support import real_data
+from ..support.experiment import Part, Say
+from .labelled_floors import SR4000, as_depth
+
+NAME = "sr4000_scene4"
+TREADS = (110, 198)  # grey levels of the label image; a third one ends at the border of the image
+RISERS = (122, 123, 155, 137, 200, 201)
+UNLABELLED = (0, 255)
+NOISE_GREY = 1.5  # ours: levels are rounded to whole ones, and the bow of the lens is not removed
+WHOLE = ReachConfig(0.01, 100.0)
+NO_UNITS = FloorConfig(distortion=DistortionConfig(tof=Distortion()))
+
+
+def images() -> tuple[Depth, Int[np.ndarray, "h w"]]:
+    """Depth up to scale, and the labels.
+
+    Raises:
+        InputError: The recording is absent.
+    """
+    folder = real_data.folder("dpd_planes")
+    grey, labels = (_grey(str(folder / f"{NAME}{end}.png")) for end in ("", "_gt"))
+    return as_depth(grey.astype(np.float64), SR4000.curves[0], SR4000, NOISE_GREY), labels
+
+
+def overlaps(
+    masks: Sequence[Bool[np.ndarray, "h w"]], labels: Int[np.ndarray, "h w"], wanted: Sequence[int]
+) -> list[float]:
+    """Intersection over union of each wanted label with the region that overlaps it most, over labelled pixels."""
+    known = ~np.isin(labels, UNLABELLED)
+    found = []
+    for label in wanted:
+        true = labels == label
+        shares = [
+            float((mask & true).sum() / max(((mask & known) | true).sum(), 1)) for mask in masks
+        ]
+        found.append(max(shares, default=0.0))
+    return found
+
+
+def scores(say: Say) -> Part:
+    """Overlap of the treads and the risers; absent recordings are told, not scored."""
+    try:
+        depth, labels = images()
+    except InputError as error:
+        say(str(error))
+        return {}, [f"labelled staircase: not measured, {error}"]
+    regions = segmentation.find(depth, WHOLE, NO_UNITS, "tof")
+    masks = [one.mask(depth.camera) for one in regions]
+    treads, risers = overlaps(masks, labels, TREADS), overlaps(masks, labels, RISERS)
+    say(f"labelled staircase: {len(regions)} regions")
+    words = [" ".join(f"{value:.2f}" for value in values) for values in (treads, risers)]
+    figures = {"tread_iou": min(treads), "riser_iou": min(risers)}
+    return figures, [f"labelled staircase (time of flight)  treads {words[0]}; risers {words[1]}"]
+
+
+def _grey(path: str) -> Int[np.ndarray, "h w"]:
+    """An image in grey levels."""
+    image = cv2.imread(path, cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise InputError(f"image {path} cannot be read; is the data set complete?")
+    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    return np.asarray(grey, dtype=np.int64)
