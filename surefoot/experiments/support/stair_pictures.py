@@ -24,7 +24,7 @@ NAMES = {"tof": "time of flight", "stereo": "stereo", "depth": "structured light
 
 def draw(seed: int, config: FloorConfig) -> Figure:
     """A staircase up and one down by each sensor, every region in a colour of its own."""
-    figure, axes = sheet(2, 3, height_in=4.2)
+    figure, axes = sheet(2, 3, height_in=4.8)
     for row, kind in zip(axes, ("up", "down"), strict=True):
         view = stair_views.draw(seed, kind)
         depths = stair_views.measure(view, seed)
@@ -34,10 +34,10 @@ def draw(seed: int, config: FloorConfig) -> Figure:
             found = staircase.find(regions, view.prior)
             ax.imshow(coloured(depths[sensor], regions))
             words = "unknown" if found is None else _words(found.riser_m, found.tread_m)
-            ax.set(title=f"{NAMES[sensor]}: {words}", xticks=[], yticks=[])
+            ax.set(title=f"{NAMES[sensor]}\n{words}", xticks=[], yticks=[])
             ax.grid(False)
         assert view.stairs is not None, "both kinds are stairs"
-        row[0].set_ylabel(f"true: {_words(view.stairs.riser_m, view.stairs.tread_m)}")
+        row[0].set_ylabel(f"true:\n{_words(view.stairs.riser_m, view.stairs.tread_m)}")
     return figure
 
 
