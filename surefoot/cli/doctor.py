@@ -43,6 +43,7 @@ REQUIRED = {
 
 EXTRAS = {
     "rerun": ("rerun-sdk",),
+    "robots": ("example-robot-data",),
     "batch": ("dask", "distributed"),
     "cloud": ("fsspec", "s3fs"),
     "docs": ("ipykernel", "myst-nb", "pydata-sphinx-theme", "sphinx"),
@@ -74,6 +75,7 @@ EXTRAS = {
 
 COSTS = {
     "rerun": "no file of rerun (export --rerun)",
+    "robots": "no walk as G1, Talos or iCub (simulate --robot)",
     "batch": "no cluster for `surefoot batch` (--scheduler)",
     "cloud": "no recordings at addresses such as s3://...",
     "docs": "`make docs` does not run",

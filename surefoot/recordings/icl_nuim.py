@@ -10,6 +10,7 @@ Source: Handa et al., ICRA 2014; www.doc.ic.ac.uk/~ahanda/VaFRIC/iclnuim.html.
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from pathlib import Path
 
@@ -105,9 +106,10 @@ def _trajectory(path: Path) -> Path | None:
 
 
 def _rows(truth: Path) -> dict[int, tuple[float, ...]]:
-    """Poses by the number of the frame, which is the stamp in this data set."""
+    """Poses by the number of the frame, which is the stamp in this data set; none where it is not finite."""
     stamps, rows = read_tum(truth)
-    return {round(float(stamp)): row for stamp, row in zip(stamps, rows, strict=True)}
+    lines = zip(stamps.tolist(), rows, strict=True)
+    return {round(stamp): row for stamp, row in lines if math.isfinite(stamp)}
 
 
 def _flipped(row: tuple[float, ...]) -> Pose3:

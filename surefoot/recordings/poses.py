@@ -67,13 +67,11 @@ def read_tum(
     """Stamps, s, and rows (tx, ty, tz, qx, qy, qz, qw) as printed; the poses are not checked.
 
     Raises:
-        RecordingError: A line does not have eight numbers, or its stamp is not finite.
+        RecordingError: A line does not have eight numbers.
     """
     stamps, rows = [], []
     for line, words in read_lines(path):
         values = numbers(path, line, words, 8, "timestamp tx ty tz qx qy qz qw")
-        if not math.isfinite(values[0]):
-            raise RecordingError(f"{path}, line {line}: the stamp is not finite ({words[0][:20]})")
         stamps.append(values[0])
         rows.append(tuple(values[1:]))
     return np.array(stamps), rows

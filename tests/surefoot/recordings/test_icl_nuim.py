@@ -64,12 +64,16 @@ def test_an_invalid_line_of_pairs_is_named(folder):
         open_recording(folder)
 
 
-def test_an_infinite_stamp_is_named(folder):
+@pytest.mark.parametrize("stamp", ["9" * 400, "nan"])
+def test_a_pose_without_a_finite_stamp_is_of_no_frame(folder, stamp):
     poses = next(folder.glob("*.gt.freiburg"))
-    first, *rest = poses.read_text().splitlines()
-    poses.write_text("\n".join([first, "9" * 400 + rest[0][1:], *rest[1:]]))
-    with pytest.raises(RecordingError, match=r"line 2: the stamp is not finite \(9{20}\)"):
-        open_recording(folder)
+    first, second, *rest = poses.read_text().splitlines()
+    second = " ".join([stamp, *second.split()[1:]])
+    poses.write_text("\n".join([first, second, *rest]))
+    recording = open_recording(folder)
+    frames = list(recording.frames())
+    assert [frame.T_world_camera is not None for frame in frames] == [True, False, True]
+    assert any("1 of 3 frames" in remark for remark in recording.remarks)
 
 
 def test_frames_beyond_the_trajectory_have_no_pose_and_are_remarked(folder):
