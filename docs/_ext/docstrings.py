@@ -19,12 +19,15 @@ PACKAGES = {
     "surefoot/evaluation": "how right it was, and whether it knew",
 }
 GROUPS = {
-    "Functions on arrays": ("find_floor", "find_obstacles", "find_footprints", "stereo_depth", "gaze_map", "find_path"),
+    "Functions on arrays": (
+        "find_floor", "find_regions", "find_stairs", "find_obstacles", "find_footprints", "stereo_depth", "gaze_map",
+        "find_path",
+    ),
     "Objects that live from frame to frame": ("Pipeline", "Tracker"),
     "Whole runs": ("simulate", "process", "map", "panorama", "monocular", "evaluate", "Run"),
     "Values": (
-        "Camera", "Plane", "Pose2", "Pose3", "Gaussian", "Landmark", "Obstacle", "Detection", "Footprint", "Cluster",
-        "RobotModel", "WorldModel", "Config",
+        "Camera", "Plane", "Pose2", "Pose3", "Gaussian", "Landmark", "Region", "Staircase", "Obstacle", "Detection",
+        "Footprint", "Cluster", "RobotModel", "WorldModel", "Config",
     ),
     "Sensor data": ("Frame", "DepthView", "RangeView", "StereoView", "ColourView", "StepOdometry", "Imu", "Depth"),
     "Plug-ins": (
