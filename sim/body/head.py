@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -57,6 +57,7 @@ class HeadConfig:
             raise ConfigError(f"head: tilt_deg={self.tilt_deg} must be (highest, lowest)")
 
 
+@runtime_checkable
 class MovingHead(Protocol):
     """What a kinematic body asks of the joints above it."""
 
