@@ -35,7 +35,7 @@ def rms(values) -> float:
 
 
 def test_without_identities_it_is_nearly_as_accurate_as_with_them(walks):
-    drives = [walks.drive(seed, seconds=25.0) for seed in range(4)]
+    drives = [walks.drive(seed, seconds=60.0) for seed in range(4)]
     named = [rms(d.errors_m(filter_journey(d.journey, walks.CONFIG).means)) for d in drives]
     unnamed = [filter_unknown(d.journey, walks.CONFIG) for d in drives]
     errors = [rms(d.errors_m(means)) for d, (means, _) in zip(drives, unnamed, strict=True)]

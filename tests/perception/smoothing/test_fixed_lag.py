@@ -106,9 +106,9 @@ def errors(poses: list[Gaussian], truth: list[Pose2]) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def walks() -> dict[str, np.ndarray]:
-    """Errors (30, frames, 3) and covariances of filter, fixed lag and batch over 30 walks."""
+    """Errors (50, frames, 3) and covariances of filter, fixed lag and batch over 50 walks."""
     kept: dict[str, list[np.ndarray]] = {}
-    for seed in range(30):
+    for seed in range(50):
         start, instants, truth = walk(seed)
         frames = walk_factors(instants, PLACES, CONFIG)
         everything = [factor for _, factors in frames for factor in factors]
@@ -125,7 +125,7 @@ def walks() -> dict[str, np.ndarray]:
     return {name: np.array(values) for name, values in kept.items()}
 
 
-def test_later_measurements_reduce_the_error_over_30_walks(walks):
+def test_later_measurements_reduce_the_error_over_50_walks(walks):
     rmse = {
         name: np.sqrt(np.mean(walks[name][..., :2] ** 2)) for name in ("filter", "lag", "batch")
     }
@@ -137,9 +137,9 @@ def test_later_measurements_reduce_the_error_over_30_walks(walks):
 
 @pytest.mark.parametrize("name", ["lag", "batch", "live"])
 @pytest.mark.parametrize("frame", [8, 20, 32])
-def test_marginals_are_consistent_over_30_walks(walks, name, frame):
+def test_marginals_are_consistent_over_50_walks(walks, name, frame):
     values = nees(walks[name][:, frame], walks[f"{name} P"][:, frame])
-    low, high = band(3, 30, 0.99)  # nine of them: 91 % that all are inside
+    low, high = band(3, 50, 0.99)  # nine of them: 91 % that all are inside
     assert low < np.mean(values) < high
 
 

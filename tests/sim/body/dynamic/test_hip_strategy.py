@@ -76,13 +76,13 @@ def test_bending_prevents_falls_outward_over_the_stance_foot(pushed):
     fallen = {
         balance: sum(
             pushed(balance, seed, WalkCommand(ahead), 0.0, -math.pi / 2, 9)[1]
-            for seed in range(4)
+            for seed in range(6)
             for ahead in (0.03, 0.06)
         )
         for balance in (BENDS, STIFF)
     }
-    assert fallen[BENDS] <= 3
-    assert fallen[STIFF] >= fallen[BENDS] + 2  # of the same 8 pushes
+    assert fallen[BENDS] <= 4
+    assert fallen[STIFF] >= fallen[BENDS] + 2  # of the same 12 pushes
 
 
 def estimated_trunks(scene, seed):
