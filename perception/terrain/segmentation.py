@@ -62,7 +62,7 @@ def find(
         depth: With the standard deviation of every pixel.
         reach: Depths used.
         config: Bands of the fit, and the distortion of each kind of sensor.
-        sensor: "tof", "stereo" or "depth", which sets the distortion; None if unknown.
+        sensor: "tof", "stereo" or "depth", which sets the distortion; None: as an RGB-D camera.
 
     Returns:
         Regions in the camera frame, each with covariance and edges; empty if none is seen.

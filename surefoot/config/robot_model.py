@@ -1,7 +1,8 @@
 """The robot model of a configured body.
 
-A robot that is described by a URDF has the sizes of its description. The kinematic body, too, has the sizes of `robot.dynamic.anatomy` and `robot.dynamic.scale`. Lengths that planning
-was tuned with on a DARwIn-OP grow with the circle round the trunk or with the legs.
+A robot that is described by a URDF has the sizes of its description. Of our own, the kinematic body, too, has those of
+`robot.dynamic.anatomy` and `robot.dynamic.scale`. Lengths that planning was tuned with on a DARwIn-OP grow with the circle
+round the trunk or with the legs.
 """
 
 from __future__ import annotations

@@ -44,8 +44,7 @@ def find_regions(
     Source: ours, after Proenca and Gao 2018; Nguyen, Izadi, Lovell 2012 (noise).
     """
     depth = checks.depth_image(depth_m, camera, scale_per_metre, sigma_m)
-    sensor = "depth" if sigma_m is None else None
-    return segmentation.find(depth, ReachConfig(nearest_m, farthest_m), None, sensor)
+    return segmentation.find(depth, ReachConfig(nearest_m, farthest_m))
 
 
 def find_stairs(

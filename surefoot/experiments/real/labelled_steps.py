@@ -2,7 +2,8 @@
 
 The image has grey levels without units, brighter where nearer, close to linear in inverse depth; so a plane is a plane in any
 unit. Five of its planes are numbered by the data set; all five are risers, as their grey level does not change downwards. Its
-treads are the strips of some rows between them. Labels are used for scoring only; pixels without one are not scored.
+treads are the strips of some rows between them. Labels are used for scoring only; pixels without one are not scored. The
+size of the noise was chosen on this image, the only labelled one with stairs.
 
 Source: ours; data set DPD planes (Jin et al. 2017).
 """
