@@ -32,7 +32,10 @@ GREY_SIGMA = 10.0  # ours: of 255, at the start; estimated from the residuals af
 CONVERGED = 1e-4  # m and rad: a smaller step is the last one of its level
 KEPT = 3  # ours: initial poses that are carried from the coarsest level to the next
 COMMON_PX = 15.0  # ours: neighbouring pixels with one common error; NEES of 6 with depth noise
-WARP = 0.01  # ours: error by lens, depth scale and rolling shutter, as a share of the motion
+# Errors that are a share of the motion: of the focal length (ours: half a percent once calibrated), and of the
+# depth scale (ours: a share of the bend, so that both are 1 % for the published bend of an RGB-D camera at 2 m)
+LENS_WARP = 0.005
+WARP_PER_BEND = 0.62
 BEND_SHARE = 0.25  # ours: regions of common depth error are about a quarter of the image wide
 
 
@@ -144,7 +147,8 @@ def evaluate(
     if covariance is None:
         return None
     turned = math.acos(min(1.0, max(-1.0, (float(np.trace(T[:3, :3])) - 1.0) / 2.0)))
-    warp = np.array([float(np.linalg.norm(T[:3, 3]))] * 3 + [turned] * 3) * WARP
+    share = math.hypot(LENS_WARP, WARP_PER_BEND * source.bend)
+    warp = np.array([float(np.linalg.norm(T[:3, 3]))] * 3 + [turned] * 3) * share
     covariance = covariance + np.diag(warp**2)
     fitting, visible, contradicting = _shares(totals)
     return Alignment(Pose3.from_matrix(T), covariance, fitting, visible, contradicting, error)

@@ -32,6 +32,9 @@ STATIC = {
 WITH_TRUTH = ("tum_fr3_cabinet", "sevenscenes_sweep", "sevenscenes_pan", "redwood_livingroom")
 """Recordings with poses of three frames at least."""
 
+RENDERED = ("redwood_livingroom",)
+"""Recordings whose description says that their depth is rendered, which their files do not: the user must say it."""
+
 
 def run(seeds: int, say: Say, floors_alone: bool = False) -> Outcome:
     """All recordings once; independent of the seeds.
@@ -52,21 +55,36 @@ def run(seeds: int, say: Say, floors_alone: bool = False) -> Outcome:
             runs[f"{name}_blind"] = _processed(name, root / f"{name}-blind", blind, say)
             without["process", name] = runs[f"{name}_blind"]
             without["map", name] = _mapped(name, root / f"{name}-map", blind, say)
+        unsaid = {
+            name: _processed(name, root / f"{name}-unsaid", blind, say, rendered=False)
+            for name in RENDERED
+        }
         return combined(
             honesty_floors.part(say),
             honesty_tracks.part(runs, say),
             honesty_footprints.part(runs, say),
-            honesty_trajectories.part(without),
+            honesty_trajectories.part(without, unsaid),
         )
 
 
-def _processed(name: str, out: Path, config: Config, say: Say) -> Path:
-    process(real_data.folder(STATIC[name]), None, config, out, lambda text: say(f"{name}: {text}"))
+def _processed(name: str, out: Path, config: Config, say: Say, rendered: bool = True) -> Path:
+    description = _description(name, out) if rendered else None
+    folder = real_data.folder(STATIC[name])
+    process(folder, description, config, out, lambda text: say(f"{name}: {text}"))
     return out
 
 
+def _description(name: str, out: Path) -> Path | None:
+    """What the user of a recording writes beside it; None where nothing need be said."""
+    if name not in RENDERED:
+        return None
+    path = out.parent / f"{name}.toml"
+    path.write_text("calibrated = true\n", encoding="utf-8")
+    return path
+
+
 def _mapped(name: str, out: Path, config: Config, say: Say) -> Path:
-    job = Job.open("map", real_data.folder(STATIC[name]), None, config, out)
+    job = Job.open("map", real_data.folder(STATIC[name]), _description(name, out), config, out)
     map_recording(job, lambda text: say(f"{name}: map, {text}"))
     return out
 
