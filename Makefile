@@ -54,11 +54,11 @@ demo: $(WARM)  ## a live walk, its recording processed, both judged
 test: $(WARM)  ## the test suite
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q
 
-test-layers: $(WARM)  ## perception, mapping and planning without sim and surefoot
-	BLOCKED_PACKAGES="sim surefoot" $(BIN)/python -m pytest -n 2 --dist loadfile -q tests/perception tests/mapping tests/planning
+test-layers: $(WARM)  ## perception, mapping and planning without sim and surefoot, array shapes checked
+	CHECK_SHAPES=1 BLOCKED_PACKAGES="sim surefoot" $(BIN)/python -m pytest -n 2 --dist loadfile -q tests/perception tests/mapping tests/planning
 
-test-shapes: $(WARM)  ## the test suite with the array shapes of every call checked
-	CHECK_SHAPES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -q
+test-shapes: $(WARM)  ## the other tests with the array shapes of every call checked
+	CHECK_SHAPES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -q tests/sim tests/surefoot tests/test_*.py
 
 test-lowest:  ## the test suite with the oldest versions that pyproject.toml allows
 	tests/versions.sh lowest $(PYTHON)

@@ -2,7 +2,7 @@
 
 With CHECK_SHAPES=1 every call checks the shapes of its arrays, which doubles the time of the tests. With
 BLOCKED_PACKAGES="sim surefoot" these packages cannot be imported, which shows that the tests of the lower ones do not
-need them. `make test-shapes` and `make test-layers` do so.
+need them. `make test-layers` does both, `make test-shapes` checks the shapes in all other tests.
 """
 
 from __future__ import annotations

@@ -9,6 +9,8 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 
@@ -25,11 +27,12 @@ from ..run.pipeline import Pipeline
 
 
 def frame(stamp_s: float, rng: np.random.Generator) -> Frame:
-    """A floor with a box on it, seen by a small robot's head."""
+    """A floor with a box on it before a wall, seen by a small robot's head."""
     camera = Camera.from_view(96, 72, 1.0, 0.8)
     head = Pose3.from_rotation(head_rotation(0.0, 0.5), np.array([0.0, 0.0, 0.4]))
     rays = camera.rays @ head.rotation.T
     z = np.where(rays[..., 2] < -0.05, 0.4 / np.maximum(-rays[..., 2], 0.05), np.nan)
+    z = np.fmin(z, 1.5 / np.maximum(rays[..., 0], 0.05))
     z[20:40, 40:56] = 0.7
     noise = rng.normal(0.0, 0.002, z.shape)
     texture = rng.integers(0, 255, (72, 96)).astype(np.uint8)
@@ -43,22 +46,44 @@ def frame(stamp_s: float, rng: np.random.Generator) -> Frame:
 
 
 def warm(say: Callable[[str], None]) -> None:
-    """Run every compiled path once.
+    """Run every compiled path once, two at a time.
 
     Args:
         say: Takes a line for each part, with its time.
     """
-    rng = np.random.default_rng(0)
-    config = Config()
-    info = RecordingInfo("warm-up", "simulation", start=Pose2())
+    parts = (
+        _cycles,
+        _panorama,
+        _walkers_by_picture,
+        _floors_and_steps,
+        _robot_log,
+        _walking_body,
+        _camera_in_the_hand,
+    )
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        for line in pool.map(_timed, parts):
+            say(line)
+
+
+def _timed(part: Callable[[np.random.Generator], str]) -> str:
     began = time.perf_counter()
-    pipeline = Pipeline(config, info)
+    words = part(np.random.default_rng(0))
+    return f"{words}: {time.perf_counter() - began:.1f} s"
+
+
+def _cycles(rng: np.random.Generator) -> str:
+    """A robot that stands before a box."""
+    config = Config()
+    pipeline = Pipeline(config, RecordingInfo("warm-up", "simulation", start=Pose2()))
     navigator = SearchPlanner(config.planning, [(2.0, 0.0)])
     for number in range(20):
         seen = frame(0.325 * number, rng)
         navigator.decide(pipeline.cycle(seen))
-    say(f"cycle and decision: {time.perf_counter() - began:.1f} s")
-    began = time.perf_counter()
+    return "cycle and decision"
+
+
+def _floors_and_steps(rng: np.random.Generator) -> str:
+    """Floors by every method, plane regions, tracks, guard and field."""
     from perception.depth import structured_light
     from perception.depth.points import Points
     from perception.floor import choose
@@ -72,6 +97,8 @@ def warm(say: Callable[[str], None]) -> None:
     xyz = np.column_stack([rng.uniform(-1, 1, (400, 2)), rng.uniform(1, 2, 400)])
     xyz[:, 1] = 0.4
     cloud = Points(xyz, np.full(400, 0.005), np.arange(400))
+    config = Config()
+    pipeline = Pipeline(config, RecordingInfo("warm-up", "simulation", start=Pose2()))
     expected = pipeline.pose_source.expected_floor(None)
     for method in ("ransac", "hough"):
         choose.find(cloud, expected, rng, choose.FloorConfig(method=method))
@@ -105,11 +132,41 @@ def warm(say: Callable[[str], None]) -> None:
         config.univector,
         config.robot_model,
     )
-    say(f"floors and guard: {time.perf_counter() - began:.1f} s")
-    for part in (_walkers_by_picture, _camera_in_the_hand, _panorama):
-        began = time.perf_counter()
-        words = part(rng)
-        say(f"{words}: {time.perf_counter() - began:.1f} s")
+    return "floors and steps"
+
+
+def _robot_log(rng: np.random.Generator) -> str:
+    """A wheeled robot drives a circle among tags and among radio beacons."""
+    from perception.planar.log_localiser import localise
+    from perception.planar.planar_log import PlanarLog
+
+    at_s = 0.1 * np.arange(400)
+    totals = np.column_stack([0.1 * at_s, 0.1 * at_s])
+    heading = totals[:, 1]
+    places = np.array([[2.0, 0.0], [0.0, 3.0], [-2.0, 0.0], [0.0, -2.0]])
+    marks = np.arange(len(at_s)) % len(places)
+    away = places[marks] - np.column_stack([np.sin(heading), 1.0 - np.cos(heading)])
+    distance = np.hypot(*away.T) + rng.normal(0.0, 0.02, len(at_s))
+    bearing = np.remainder(np.arctan2(away[:, 1], away[:, 0]) - heading + np.pi, 2 * np.pi) - np.pi
+    for angle in (bearing, np.full(len(at_s), np.nan)):
+        seen = np.column_stack([distance, angle])
+        localise(PlanarLog(at_s, totals, at_s.copy(), marks, seen, places))
+    return "robot log"
+
+
+def _walking_body(rng: np.random.Generator) -> str:
+    """Three steps of the body with servos and soles, and what its cameras see."""
+    from dataclasses import replace
+
+    from sim.robot import SimulatedRobot
+    from sim.scenes import catalogue
+    from sim.world import World
+
+    config = replace(Config().robot, body="dynamic")
+    with World(catalogue.load("empty_room", 0)) as world, SimulatedRobot(world, config) as robot:
+        for _ in range(6):
+            robot.read()
+    return "walking body"
 
 
 def _walkers_by_picture(rng: np.random.Generator) -> str:

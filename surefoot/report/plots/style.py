@@ -123,8 +123,10 @@ def svg(figure: Figure) -> bytes:
     """The figure as SVG, with text as outlines and without a date; as high as what is drawn."""
     from matplotlib.transforms import Bbox
 
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # what was found stays; saving would find it twice more
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)
+        figure.set_layout_engine()  # what was found stays; saving would find it twice more
     drawn = figure.get_tightbbox()
     page = Bbox([[0.0, drawn.y0 - MARGIN_IN], [figure.get_figwidth(), drawn.y1 + MARGIN_IN]])
     data = io.BytesIO()
