@@ -16,7 +16,7 @@ from planning.swarm.objective import PRINTED, Objective, ObjectiveConfig
 from planning.swarm.search import SwarmConfig
 
 CAMERA = Camera.from_view(240, 240, math.pi / 2, math.pi / 2)
-SEEDS = range(30)
+SEEDS = range(10)
 
 
 def camera_on_body(pan_deg):
