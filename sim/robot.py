@@ -17,7 +17,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from perception.primitives.errors import ConfigError
-from perception.primitives.frame import ColourView, Frame, RangeView, StepOdometry, StereoView
+from perception.primitives.frame import (
+    ColourView,
+    DepthView,
+    Frame,
+    RangeView,
+    StepOdometry,
+    StereoView,
+)
 from perception.primitives.own_body import OwnBody
 from perception.primitives.pose import Pose2, Pose3
 from perception.primitives.settings import setting
@@ -37,10 +44,11 @@ from .free_space import ROBOT_TOP_M
 from .ranges import check_ranges
 from .rendering.motion import STATIONARY, Motion, motion_between
 from .robots import catalogue
-from .robots.description import Description, Sensor
+from .robots.description import SENSORS, Description, Sensor
 from .robots.jointed import JointedRobot, jointed
 from .scenes.walker import SMALL, Walker
 from .sensors.cameras import ImageConfig, colour_picture, stereo_pair
+from .sensors.depth_camera import DepthCamera, DepthCameraConfig
 from .sensors.tof_camera import TofCamera, TofConfig
 from .world import RANGE_SOURCES, World
 
@@ -88,6 +96,9 @@ class RobotConfig:
     image_pairs: bool = setting(
         False, "", "colour and stereo images twice per step instead of once", "seed 000: twice"
     )
+    depth: bool = (
+        False  # active stereo at the place of the time-of-flight camera, of a described robot
+    )
     tof_mount_m: tuple[float, float, float] = (
         0.035,
         0.0,
@@ -101,6 +112,7 @@ class RobotConfig:
     head: HeadConfig = field(default_factory=HeadConfig)
     imu: ImuConfig = field(default_factory=ImuConfig)
     tof_camera: TofConfig = field(default_factory=TofConfig)
+    depth_camera: DepthCameraConfig = field(default_factory=DepthCameraConfig)
     colour_camera: ImageConfig = field(default_factory=ImageConfig)
     stereo_camera: ImageConfig = field(
         default_factory=lambda: ImageConfig(640, 480, 60.0, (0.035, 0.02, 0.035))
@@ -133,7 +145,7 @@ class RobotConfig:
     @property
     def needs_pybullet(self) -> bool:
         """Whether PyBullet renders images or ranges, or moves the body."""
-        rendered = self.tof and self.tof_source == "camera"
+        rendered = (self.tof or self.depth) and self.tof_source == "camera"
         return self.body == "dynamic" or self.colour or self.stereo or rendered
 
     def __post_init__(self) -> None:
@@ -185,7 +197,7 @@ def grown(config: RobotConfig) -> RobotConfig:
 def _described(config: RobotConfig, robot: Description) -> RobotConfig:
     """Gait, gaze and cameras of a description; noise and timing of the cameras stay as configured."""
     config = replace(config, gait=gait_of(robot, config.gait), head=head_of(robot, config.head))
-    tof, stereo, colour = (robot.sensor(name) for name in ("tof", "stereo", "colour"))
+    tof, depth, stereo, colour = (robot.sensor(name) for name in SENSORS)
     if tof is not None:
         pixels = replace(
             config.tof_camera,
@@ -195,6 +207,16 @@ def _described(config: RobotConfig, robot: Description) -> RobotConfig:
             down_deg=tof.down_deg,
         )
         config = replace(config, tof_camera=pixels, tof_mount_m=tof.at_m)
+    if depth is not None:
+        active = replace(
+            config.depth_camera,
+            width=depth.width,
+            height=depth.height,
+            across_deg=depth.across_deg,
+            down_deg=depth.down_deg,
+            baseline_m=depth.baseline_m,
+        )
+        config = replace(config, depth_camera=active, tof_mount_m=depth.at_m)
     if stereo is not None:
         pair = _pixels(config.stereo_camera, stereo)
         config = replace(config, stereo_camera=pair, baseline_m=stereo.baseline_m)
@@ -203,6 +225,7 @@ def _described(config: RobotConfig, robot: Description) -> RobotConfig:
     return replace(
         config,
         tof=config.tof and tof is not None,
+        depth=depth is not None,
         stereo=config.stereo and stereo is not None,
         colour=config.colour and colour is not None,
     )
@@ -224,8 +247,8 @@ class SimulatedRobot:
     def __init__(self, world: World, config: RobotConfig, seed: int = 0) -> None:
         self.world, self.config = world, grown(config)
         config = self.config
-        streams = np.random.SeedSequence([seed, 30]).spawn(6)
-        body, head, imu, tof, colour, stereo = (np.random.default_rng(s) for s in streams)
+        streams = np.random.SeedSequence([seed, 30]).spawn(7)
+        body, head, imu, tof, colour, stereo, depth = (np.random.default_rng(s) for s in streams)
         self.body: Body
         self._head: Head | JointedHead
         self._legs: JointedLegs | None = None
@@ -254,6 +277,7 @@ class SimulatedRobot:
         else:
             self.own_body = None
         self._tof = TofCamera(config.tof_camera, tof) if config.tof else None
+        self._depth = DepthCamera(config.depth_camera, depth) if config.depth else None
         self._colour_rng, self._stereo_rng = colour, stereo
         self._motions: dict[tuple[float, float, float], Motion] = {}  # of cameras with an exposure
         self._began_s = world.stamp_s
@@ -293,6 +317,7 @@ class SimulatedRobot:
         return Frame(
             stamp_s=self.world.stamp_s,
             tof=self._range_view(),
+            depth=self._depth_view(),
             stereo=self._stereo_view() if looks else None,
             colour=self._colour_view() if looks else None,
             odometry=StepOdometry(advance.motion, advance.steps),
@@ -321,6 +346,7 @@ class SimulatedRobot:
         config = self.config
         mounts = {
             "tof": (config.tof, config.tof_mount_m),
+            "depth": (config.depth, config.tof_mount_m),
             "stereo": (config.stereo, config.stereo_camera.mount_m),
             "colour": (config.colour, config.colour_camera.mount_m),
         }
@@ -395,6 +421,14 @@ class SimulatedRobot:
         else:
             range_m, amplitude = self._tof.measure(self.world.ranges(source), true)
         return RangeView(range_m, amplitude, self._tof.camera, self.measured_camera(mount))
+
+    def _depth_view(self) -> DepthView | None:
+        if self._depth is None:
+            return None
+        config = self.config
+        true = self.camera_in_world(config.tof_mount_m)
+        depth = self._depth.measure(self.world.ranges(config.tof_source), true)
+        return DepthView(depth, self._depth.camera, self.measured_camera(config.tof_mount_m))
 
     def _colour_view(self) -> ColourView | None:
         if not self.config.colour:

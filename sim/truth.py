@@ -46,7 +46,7 @@ class Truth:
         return self._robot.body.true_pose
 
     def cameras(self) -> tuple[str, ...]:
-        """Enabled cameras, of "tof", "stereo" and "colour"."""
+        """Enabled cameras, of "tof", "depth", "stereo" and "colour"."""
         return tuple(self._robot.cameras())
 
     def camera_pose(self, camera: str) -> Pose3:
@@ -94,7 +94,11 @@ class Truth:
         """Whether points on surfaces are in the image of a depth camera now, in reach, and not hidden."""
         seen = np.zeros(len(points), np.bool_)
         config = self._robot.config
-        cameras = {"tof": config.tof_camera.camera, "stereo": config.stereo_camera.camera}
+        cameras = {
+            "tof": config.tof_camera.camera,
+            "depth": config.depth_camera.camera,
+            "stereo": config.stereo_camera.camera,
+        }
         for name in set(self.cameras()) & set(cameras):
             pose = self.camera_pose(name)
             ahead = pose.inverse().apply(points)
@@ -116,6 +120,7 @@ class Truth:
         config = self._robot.config
         sizes = {
             "tof": (config.tof_camera.camera, config.tof_camera.sub_rays),
+            "depth": (config.depth_camera.camera, 1),
             "stereo": (config.stereo_camera.camera, 1),
         }
         if camera not in sizes:

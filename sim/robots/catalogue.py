@@ -34,6 +34,7 @@ KEYS: dict[str, tuple[str, ...]] = {
     "camera": ("frame", "axis", "at_m", "eye_m"),
     "gaze": ("pan", "tilt", "pan_deg", "tilt_deg", "speed_radps"),
     "tof": ("width", "height", "across_deg", "down_deg", "at_m"),
+    "depth": ("width", "height", "across_deg", "down_deg", "baseline_m", "noise_px", "at_m"),
     "stereo": ("width", "height", "across_deg", "baseline_m", "at_m"),
     "colour": ("width", "height", "across_deg", "at_m"),
 }  # fmt: skip
@@ -195,8 +196,9 @@ def _sensor(file: TableReader, name: str, table: dict[str, Any]) -> Sensor:
         file.count(table, "height", 0, 4096),
         file.number(table, "across_deg", None, 1.0, 169.0),
         _place(file, table),
-        of("down_deg", name == "tof", 169.0),
-        of("baseline_m", name == "stereo", 1.0),
+        of("down_deg", name in ("tof", "depth"), 169.0),
+        of("baseline_m", name in ("depth", "stereo"), 1.0),
+        of("noise_px", name == "depth", 10.0),
     )
 
 

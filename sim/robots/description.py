@@ -12,7 +12,7 @@ from perception.primitives.robot_model import RobotModel
 from . import installed
 
 AXES = ("x", "z", "body")
-SENSORS = ("tof", "stereo", "colour")
+SENSORS = ("tof", "depth", "stereo", "colour")
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,8 @@ class Gaze:
 class Sensor:
     """Intrinsics of a camera, and its place from that of the gaze: ahead, left, up, m.
 
-    `down_deg` is that of a range camera, `baseline_m` that of a stereo pair; 0 otherwise.
+    `down_deg` is that of a range or depth camera, `baseline_m` that of a depth camera or stereo pair, `noise_px` the standard
+    deviation of disparity that the maker of a depth camera states; 0 otherwise.
     """
 
     width: int
@@ -76,6 +77,7 @@ class Sensor:
     at_m: tuple[float, float, float]
     down_deg: float = 0.0
     baseline_m: float = 0.0
+    noise_px: float = 0.0
 
 
 @dataclass(frozen=True)

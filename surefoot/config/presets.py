@@ -70,10 +70,15 @@ def needs(robot: RobotConfig) -> dict[str, Any]:
         found["gait"] = vars(gait)
         longest_m = LONGER * gait.max_speed_mps * gait.step_s
         found["prior"] = {"longest_step_m": max(PriorConfig().longest_step_m, longest_m)}
-        sensor = described.sensor("tof")
+        active = described.sensor("depth")
+        sensor = described.sensor("tof") or active
         if sensor is not None:
             view = {"across_deg": sensor.across_deg, "down_deg": sensor.down_deg}
             found["gaze"] = {"map": view}
+        if active is not None:
+            focal_px = active.width / (2.0 * math.tan(math.radians(active.across_deg) / 2.0))
+            growth = active.noise_px / (focal_px * active.baseline_m)
+            found["structured_light"] = {"growth_per_m": growth, "start_m": 0.0}
     return found
 
 

@@ -164,7 +164,7 @@ def make_planner(config: Config, goals: Sequence[tuple[float, float]]) -> Planne
     """The planner of a run, with recovery and fall-back if the robot's cameras allow them."""
     robot = config.robot
     fall_back = config.depth_health.fall_back and robot.colour
-    return make(config.planning, goals, robot.tof, fall_back)
+    return make(config.planning, goals, robot.tof or robot.depth, fall_back)
 
 
 def known_beforehand(scene: Scene, robot: SimulatedRobot, config: Config) -> RecordingInfo:

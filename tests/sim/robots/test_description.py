@@ -28,7 +28,8 @@ def test_our_descriptions_are_read_without_their_packages(name):
     assert config.gait.forward_limit_m == pytest.approx(
         model.gait.max_speed_mps * model.gait.step_s
     )
-    assert (config.tof, config.stereo, config.colour) == (True, False, True)
+    assert (config.tof, config.depth) == (name != "g1", name == "g1")  # a D435, or time of flight
+    assert (config.stereo, config.colour) == (False, True)
 
 
 def test_what_a_description_says_reaches_the_models_of_gait_gaze_and_cameras():
