@@ -26,7 +26,10 @@ class DynamicConfig:
     """
 
     engine: str = setting(
-        "pybullet", "", "physics engine: pybullet or mujoco (pip install 'surefoot[physics]')", "ours"
+        "pybullet",
+        "",
+        "physics engine: pybullet or mujoco (pip install 'surefoot[physics]')",
+        "ours",
     )
     anatomy: str = setting(
         "darwin", "", "body dimensions, darwin or tall; also used by the kinematic body", "seed 004"

@@ -59,7 +59,7 @@ class WalkResult:
         steps: Steps before a fall, or all.
         fallen: Whether the robot fell.
         errors: True step relative to the commanded one, (n, 3): m, m, rad.
-        told: True step relative to the one that odometry tells, (n, 3): m, m, rad.
+        true, told: The steps of `errors`, from body pose to body pose, in truth and by odometry, (n, 3): m, m, rad.
         slips: Displacement of the stance foot while the other swings, (n, 2): m, rad.
         head: Roll, pitch and yaw of the head relative to vertical and to the feet, rad, and its height and lateral
             position, m; (m, 5), evenly sampled.
@@ -71,6 +71,7 @@ class WalkResult:
     steps: int
     fallen: bool
     errors: Float[np.ndarray, "n 3"]
+    true: Float[np.ndarray, "n 3"]
     told: Float[np.ndarray, "n 3"]
     slips: Float[np.ndarray, "n 2"]
     head: Float[np.ndarray, "m 5"]
@@ -104,14 +105,12 @@ def walk(trial: Trial, seed: int, commands: int = COMMANDS) -> WalkResult:
         head = Head(HeadConfig(), head_rng)
         body = DynamicBody(world, gait, config, ImuConfig(), head, body_rng)
         began = time.process_time()
-        errors, told, slips, head_sway = _commands(body, gait, trial, rng, commands)
+        steps, *found = _commands(body, gait, trial, rng, commands)
         seconds = time.process_time() - began
         walked = body.ticks * gait.tick_s
         fallen = body.fallen
         body.close()
-    return WalkResult(
-        trial.name, seed, len(slips), fallen, errors, told, slips, head_sway, walked / seconds
-    )
+    return WalkResult(trial.name, seed, steps, fallen, *found, walked / seconds)
 
 
 def run(seeds: int, say: Say, body: str = "dynamic", commands: int = COMMANDS) -> Outcome:
@@ -181,8 +180,9 @@ def spectrum(
 
 def _commands(body, gait, trial: Trial, rng: np.random.Generator, commands: int):  # type: ignore[no-untyped-def]
     """Walk until all commands are executed or the robot falls."""
-    errors, told, slips, head_sway = [], [], [], []
+    errors, true, told, slips, head_sway = [], [], [], [], []
     before = planned = None
+    steps = 0
     for number in range(commands):
         body.walk(_random_command(gait, rng))
         body.start_due_step()
@@ -203,20 +203,19 @@ def _commands(body, gait, trial: Trial, rng: np.random.Generator, commands: int)
                 stood.append(body.true_pose @ foot)
         if body.fallen:
             break
-        slip = stood[0].inverse() @ stood[-1]
-        slips.append((math.hypot(slip.x, slip.y), abs(slip.yaw)))
+        steps += 1
+        if stood:  # none in the first step, which shifts the weight only
+            slip = stood[0].inverse() @ stood[-1]
+            slips.append((math.hypot(slip.x, slip.y), abs(slip.yaw)))
         now, plan = body.true_pose, body.planned_pose
         if before is not None and planned is not None:
             true_step, commanded_step = before.inverse() @ now, planned.inverse() @ plan
             errors.append((commanded_step.inverse() @ true_step).vector)
-            told.append((moved.inverse() @ true_step).vector)
+            true.append(true_step.vector)
+            told.append(moved.vector)
         before, planned = now, plan
-    return (
-        np.array(errors).reshape(-1, 3),
-        np.array(told).reshape(-1, 3),
-        np.array(slips).reshape(-1, 2),
-        np.array(head_sway),
-    )
+    three = (np.array(one).reshape(-1, 3) for one in (errors, true, told))
+    return steps, *three, np.array(slips).reshape(-1, 2), np.array(head_sway)
 
 
 def _random_command(gait, rng: np.random.Generator) -> WalkCommand:  # type: ignore[no-untyped-def]
