@@ -26,7 +26,7 @@ from planning.commands import GazeCommand, WalkCommand
 from . import bullet
 from .body.body import Advance, Body
 from .body.described import gait_of, head_of, measures_of
-from .body.dynamic import physics
+from .body.dynamic import engines
 from .body.dynamic.anatomy import DARWIN, Anatomy, gait_for, head_for
 from .body.dynamic.config import DynamicConfig
 from .body.dynamic.walker import DynamicBody
@@ -148,7 +148,7 @@ class RobotConfig:
         if self.needs_pybullet:
             bullet.require()
         if self.body == "dynamic":
-            physics.require(self.dynamic.engine)
+            engines.require(self.dynamic.engine)
 
     def __post_init__(self) -> None:
         if self.body not in BODIES:

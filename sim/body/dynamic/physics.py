@@ -1,14 +1,13 @@
 """The interface of a physics engine as the dynamic body uses it, and what both engines are told.
 
-`pybullet_engine` and `mujoco_engine` implement it. A slope tilts gravity instead of the floor: the physics is the same
-and the floor stays z = 0. An engine is loaded only when a body starts in it.
+`pybullet_engine` and `mujoco_engine` implement it, and `engines` starts them. A slope tilts gravity instead of the
+floor: the physics is the same and the floor stays z = 0.
 
 Source: friction from walking trials with PyBullet; the rest is ours.
 """
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -17,10 +16,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 
-from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2, Pose3
 
-from ... import bullet
 from ...shapes import Box, Cylinder, Shape, Solid
 from .anatomy import Anatomy
 
@@ -99,43 +96,6 @@ class Physics(Protocol):
 
     def close(self) -> None:
         """Release the engine; a second call does nothing."""
-
-
-def require(engine: str) -> None:
-    """Check, without loading it, that an engine is installed.
-
-    Args:
-        engine: One of `ENGINES`.
-
-    Raises:
-        SurefootError: It is not installed.
-    """
-    if engine == "pybullet":
-        bullet.require()
-    elif importlib.util.find_spec("mujoco") is None:
-        raise SurefootError(
-            "robot.dynamic.engine='mujoco' needs MuJoCo, which is not installed; run: pip install 'surefoot[physics]'"
-        )
-
-
-def begin(engine: str, stage: Stage) -> Physics:
-    """Place the robot in an engine; close it in the end.
-
-    Args:
-        engine: One of `ENGINES`.
-        stage: What is simulated.
-
-    Raises:
-        SurefootError: The engine is not installed.
-    """
-    require(engine)
-    if engine == "mujoco":
-        from .mujoco_engine import MujocoPhysics
-
-        return MujocoPhysics(stage)
-    from .pybullet_engine import PyBulletPhysics
-
-    return PyBulletPhysics(stage)
 
 
 def convex(solid: Solid) -> Box | Float[np.ndarray, "n 3"]:

@@ -28,10 +28,11 @@ from .anatomy import DARWIN
 from .balance import AnkleFeedback, Attitude, LandingControl
 from .capture import CapturePoint
 from .config import DynamicConfig
+from .engines import begin
 from .hip_strategy import HipStrategy
 from .legs import Legs, tilt_rotation
 from .odometry import Footprints, FootToFootOdometry, body_between_feet
-from .physics import Stage, begin
+from .physics import Stage
 from .urdf import floor_bumps
 
 SETTLE_S = 1.0  # ours: standing before the start

@@ -24,7 +24,7 @@ from jaxtyping import Float
 from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose2
 from planning.planners.mission import MissionConfig
-from sim.body.dynamic import physics
+from sim.body.dynamic import engines
 from sim.body.dynamic.physics import ENGINES
 
 from ...config.schema import Config
@@ -66,7 +66,7 @@ def run(
             "use --body dynamic, or omit the option"
         )
     for engine in ENGINES:
-        physics.require(engine)
+        engines.require(engine)
     numbers = range(FIRST_SEED, FIRST_SEED + seeds)
     paced = run_all(
         walking.walk,

@@ -105,12 +105,23 @@ def walk(trial: Trial, seed: int, commands: int = COMMANDS) -> WalkResult:
         head = Head(HeadConfig(), head_rng)
         body = DynamicBody(world, gait, config, ImuConfig(), head, body_rng)
         began = time.process_time()
-        steps, *found = _commands(body, gait, trial, rng, commands)
+        steps, errors, true, told, slips, head_sway = _commands(body, gait, trial, rng, commands)
         seconds = time.process_time() - began
         walked = body.ticks * gait.tick_s
         fallen = body.fallen
         body.close()
-    return WalkResult(trial.name, seed, steps, fallen, *found, walked / seconds)
+    return WalkResult(
+        trial.name,
+        seed,
+        steps,
+        fallen,
+        errors,
+        true,
+        told,
+        slips,
+        head_sway,
+        walked / seconds,
+    )
 
 
 def run(seeds: int, say: Say, body: str = "dynamic", commands: int = COMMANDS) -> Outcome:
