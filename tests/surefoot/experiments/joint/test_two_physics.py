@@ -19,7 +19,7 @@ def test_odometry_that_tells_steps_too_long_errs_by_its_share_of_a_metre():
 def test_untold_turns_add_up_to_a_heading_and_bend_the_path():
     told = np.tile([0.05, 0.0, 0.0], (20, 1))
     turn = math.radians(0.5)
-    ((off_m, turned),) = two_physics.drift_per_metre(told, told + [0.0, 0.0, turn])
+    ((off_m, turned),) = two_physics.drift_per_metre(told, told + np.array([0.0, 0.0, turn]))
     assert turned == pytest.approx(-20 * turn)
     assert off_m == pytest.approx(turn * 0.05 * 19 * 20 / 2, rel=0.01)  # sum of k turns a step
 
