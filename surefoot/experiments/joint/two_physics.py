@@ -5,8 +5,8 @@ else. The stack's noise of step odometry was measured in PyBullet and is not tol
 pose says whether its claims hold there too. Random commands on an empty floor compare the walk itself: slip of the
 stance foot, step errors, sway of the head, and the error of odometry over a metre of path.
 
-The servos and contacts of MuJoCo were chosen on walks with seeds 0 to 6 of the empty floor. Homes and floors here have
-the seeds from 2000 on.
+The servos and contacts of MuJoCo were chosen on the empty floor, on walks with seeds 0 to 6 and pushes with seeds 0 to
+23. Homes and floors here have the seeds from 2000 on.
 
 Source: ours.
 """
