@@ -1,4 +1,4 @@
-"""PyBullet, which renders the camera images and simulates the dynamic body, is imported here only."""
+"""PyBullet, which renders the camera images and by default simulates the dynamic body, is imported here only."""
 
 from __future__ import annotations
 

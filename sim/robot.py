@@ -30,8 +30,10 @@ from perception.primitives.pose import Pose2, Pose3
 from perception.primitives.settings import setting
 from planning.commands import GazeCommand, WalkCommand
 
+from . import bullet
 from .body.body import Advance, Body
 from .body.described import gait_of, head_of, measures_of
+from .body.dynamic import engines
 from .body.dynamic.anatomy import DARWIN, Anatomy, gait_for, head_for
 from .body.dynamic.config import DynamicConfig
 from .body.dynamic.walker import DynamicBody
@@ -146,7 +148,19 @@ class RobotConfig:
     def needs_pybullet(self) -> bool:
         """Whether PyBullet renders images or ranges, or moves the body."""
         rendered = (self.tof or self.depth) and self.tof_source == "camera"
-        return self.body == "dynamic" or self.colour or self.stereo or rendered
+        moved = self.body == "dynamic" and self.dynamic.engine == "pybullet"
+        return moved or self.colour or self.stereo or rendered
+
+    def require(self) -> None:
+        """Check, without loading them, that the packages are installed that render its images and move its body.
+
+        Raises:
+            SurefootError: One is not.
+        """
+        if self.needs_pybullet:
+            bullet.require()
+        if self.body == "dynamic":
+            engines.require(self.dynamic.engine)
 
     def __post_init__(self) -> None:
         if self.body not in BODIES:

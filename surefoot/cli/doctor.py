@@ -37,11 +37,12 @@ REQUIRED = {
     "filterpy": "the filter engine filterpy is missing; ours is the default",
     "matplotlib": "no figures and no report",
     "duckdb": "no run can be written, nor asked in SQL",
-    "pybullet": "no simulation of camera images and of the dynamic body",
+    "pybullet": "no simulation of camera images, and no dynamic body without MuJoCo",
 }
 """Distribution that surefoot requires, to what does not work without it."""
 
 EXTRAS = {
+    "physics": ("mujoco",),
     "rerun": ("rerun-sdk",),
     "robots": ("example-robot-data",),
     "batch": ("dask", "distributed"),
@@ -74,6 +75,7 @@ EXTRAS = {
 """Extra of surefoot to the distributions that it installs."""
 
 COSTS = {
+    "physics": "no dynamic body in MuJoCo (robot.dynamic.engine), only in PyBullet",
     "rerun": "no file of rerun (export --rerun)",
     "robots": "no walk as G1, Talos or iCub (simulate --robot)",
     "batch": "no cluster for `surefoot batch` (--scheduler)",

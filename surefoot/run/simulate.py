@@ -94,9 +94,8 @@ def simulate(
     Raises:
         InputError: Unknown scene or planner.
         OutputError: The folder cannot be written.
-        SurefootError: PyBullet, which the robot needs, is not installed.
+        SurefootError: PyBullet or MuJoCo, which the robot needs, is not installed.
     """
-    from sim import bullet
     from sim.faults.injection import FaultInjector
     from sim.robot import SimulatedRobot
     from sim.scenes import catalogue  # loaded only for simulation
@@ -104,8 +103,7 @@ def simulate(
 
     from ..results.ground_truth_log import TruthLog
 
-    if config.robot.needs_pybullet:
-        bullet.require()
+    config.robot.require()
     scene = catalogue.load(
         config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
     )

@@ -1,8 +1,9 @@
 """A body with dynamics: servos, soles and gravity instead of exact footsteps.
 
-Read in this order: `anatomy` (lengths and masses), `urdf` (the model for PyBullet), `legs` (inverse and forward
-kinematics), `balance` (attitude estimate, ankle feedback, landing), `capture` and `hip_strategy` (recovery from
-pushes), `physics` (PyBullet), `odometry` (foot to foot, by encoders), `config` and `walker` (the body).
+Read in this order: `anatomy` (lengths and masses), `legs` (inverse and forward kinematics), `balance` (attitude
+estimate, ankle feedback, landing), `capture` and `hip_strategy` (recovery from pushes), `physics` (what the body asks
+of an engine), `urdf` and `pybullet_engine`, `mjcf` and `mujoco_engine` (the same body in two engines), `engines`
+(these by name), `odometry` (foot to foot, by encoders), `config` and `walker` (the body).
 
 The footsteps come from `sim.body.gait`, as for the kinematic body.
 

@@ -11,6 +11,7 @@ from perception.primitives.settings import setting
 from ...ranges import check_ranges
 from .anatomy import ANATOMIES, Anatomy
 from .balance import BalanceConfig
+from .physics import ENGINES
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,12 @@ class DynamicConfig:
         balance: Parameters of the balance control.
     """
 
+    engine: str = setting(
+        "pybullet",
+        "",
+        "physics engine: pybullet or mujoco (pip install 'surefoot[physics]')",
+        "ours",
+    )
     anatomy: str = setting(
         "darwin", "", "body dimensions, darwin or tall; also used by the kinematic body", "seed 004"
     )
@@ -40,6 +47,10 @@ class DynamicConfig:
     balance: BalanceConfig = field(default_factory=BalanceConfig)
 
     def __post_init__(self) -> None:
+        if self.engine not in ENGINES:
+            raise ConfigError(
+                f"dynamic: engine={self.engine!r} is unknown; choose {', '.join(ENGINES)}"
+            )
         if self.anatomy not in ANATOMIES:
             raise ConfigError(
                 f"dynamic: anatomy={self.anatomy!r} is unknown; choose {', '.join(ANATOMIES)}"

@@ -28,10 +28,11 @@ from .anatomy import DARWIN
 from .balance import AnkleFeedback, Attitude, LandingControl
 from .capture import CapturePoint
 from .config import DynamicConfig
+from .engines import begin
 from .hip_strategy import HipStrategy
 from .legs import Legs, tilt_rotation
 from .odometry import Footprints, FootToFootOdometry, body_between_feet
-from .physics import Physics
+from .physics import Stage
 from .urdf import floor_bumps
 
 SETTLE_S = 1.0  # ours: standing before the start
@@ -82,13 +83,20 @@ class DynamicBody:
         stance = dict(zip(Legs.joints, self._angles.tolist(), strict=True))
         pelvis = self._legs.footprints(self._angles)
         ahead = Pose2(-(pelvis[0].x + pelvis[1].x) / 2, 0.0)
-        self.physics = Physics(
-            body, world.scene.start @ ahead, stance, body.hip_m + config.bump_m, tick_s, config.up
-        )
         bumps = floor_bumps(world.scene.extent, config.bump_m, rng) if config.bump_m > 0.0 else []
         self._world = world
-        low = [part for _, part in world.scene.static_shapes if part.bottom_m < TOP_M]
-        self.physics.add_objects(bumps, low, [parts for _, parts, _ in world.scene.moving_bodies])
+        stage = Stage(
+            body,
+            world.scene.start @ ahead,
+            stance,
+            body.hip_m + config.bump_m,
+            tick_s,
+            config.up,
+            bumps,
+            [part for _, part in world.scene.static_shapes if part.bottom_m < TOP_M],
+            [parts for _, parts, _ in world.scene.moving_bodies],
+        )
+        self.physics = begin(config.engine, stage)
         self._imu = imu
         self._gyro_bias = imu.gyro_bias_radps * rng.standard_normal(3)
         self._force_bias = imu.force_bias_mps2 * rng.standard_normal(3)

@@ -33,12 +33,13 @@ FLOOR_M = 4.0  # half the side; a random walk of 300 steps rarely goes further
 
 @dataclass(frozen=True)
 class Trial:
-    """One kind of ground, with or without pushes."""
+    """One kind of ground, with or without pushes, in a physics engine."""
 
     name: str
     bump_m: float = 0.002
     sloping: bool = False
     pushed: bool = False
+    engine: str = "pybullet"
 
 
 TRIALS = (
@@ -58,6 +59,8 @@ class WalkResult:
         steps: Steps before a fall, or all.
         fallen: Whether the robot fell.
         errors: True step relative to the commanded one, (n, 3): m, m, rad.
+        true, told: The steps of `errors`, from body pose to body pose, in truth and by odometry, (n, 3): m, m, rad.
+        slips: Displacement of the stance foot while the other swings, (n, 2): m, rad.
         head: Roll, pitch and yaw of the head relative to vertical and to the feet, rad, and its height and lateral
             position, m; (m, 5), evenly sampled.
         realtime_factor: Simulated time divided by computing time.
@@ -68,6 +71,9 @@ class WalkResult:
     steps: int
     fallen: bool
     errors: Float[np.ndarray, "n 3"]
+    true: Float[np.ndarray, "n 3"]
+    told: Float[np.ndarray, "n 3"]
+    slips: Float[np.ndarray, "n 2"]
     head: Float[np.ndarray, "m 5"]
     realtime_factor: float
 
@@ -87,7 +93,9 @@ def walk(trial: Trial, seed: int, commands: int = COMMANDS) -> WalkResult:
     uphill = rng.uniform(0.0, 2.0 * math.pi)
     slope = SLOPE_RAD * float(trial.sloping)
     config = DynamicConfig(
-        bump_m=trial.bump_m, slope_rad=(slope * math.cos(uphill), slope * math.sin(uphill))
+        engine=trial.engine,
+        bump_m=trial.bump_m,
+        slope_rad=(slope * math.cos(uphill), slope * math.sin(uphill)),
     )
     extent = (-FLOOR_M, -FLOOR_M, FLOOR_M, FLOOR_M)
     floor = (FloorArea("plaster/white", extent),)
@@ -97,12 +105,23 @@ def walk(trial: Trial, seed: int, commands: int = COMMANDS) -> WalkResult:
         head = Head(HeadConfig(), head_rng)
         body = DynamicBody(world, gait, config, ImuConfig(), head, body_rng)
         began = time.process_time()
-        errors, head_sway, steps = _commands(body, gait, trial, rng, commands)
+        steps, errors, true, told, slips, head_sway = _commands(body, gait, trial, rng, commands)
         seconds = time.process_time() - began
         walked = body.ticks * gait.tick_s
         fallen = body.fallen
         body.close()
-    return WalkResult(trial.name, seed, steps, fallen, errors, head_sway, walked / seconds)
+    return WalkResult(
+        trial.name,
+        seed,
+        steps,
+        fallen,
+        errors,
+        true,
+        told,
+        slips,
+        head_sway,
+        walked / seconds,
+    )
 
 
 def run(seeds: int, say: Say, body: str = "dynamic", commands: int = COMMANDS) -> Outcome:
@@ -172,7 +191,7 @@ def spectrum(
 
 def _commands(body, gait, trial: Trial, rng: np.random.Generator, commands: int):  # type: ignore[no-untyped-def]
     """Walk until all commands are executed or the robot falls."""
-    errors, head_sway = [], []
+    errors, true, told, slips, head_sway = [], [], [], [], []
     before = planned = None
     steps = 0
     for number in range(commands):
@@ -183,21 +202,31 @@ def _commands(body, gait, trial: Trial, rng: np.random.Generator, commands: int)
             push_at = int(rng.integers(body.ticks_left))
             angle = rng.uniform(0.0, 2.0 * math.pi)
             force = PUSH_N * np.array([math.cos(angle), math.sin(angle), 0.0])
+        moved, stood = Pose2(), []
         while body.ticks_left > 0 and not body.fallen:
             if 0 <= push_at < SAMPLE_TICKS:
                 body.push(force, PUSH_S)
             push_at -= SAMPLE_TICKS
-            body.advance(min(SAMPLE_TICKS, body.ticks_left))
+            moved = moved @ body.advance(min(SAMPLE_TICKS, body.ticks_left)).motion
             head_sway.append(_head(body))
+            if body.swinging:
+                foot, _ = body.feet_body[0 if body.swinging < 0 else 1]
+                stood.append(body.true_pose @ foot)
         if body.fallen:
             break
         steps += 1
+        if stood:  # none in the first step, which shifts the weight only
+            slip = stood[0].inverse() @ stood[-1]
+            slips.append((math.hypot(slip.x, slip.y), abs(slip.yaw)))
         now, plan = body.true_pose, body.planned_pose
         if before is not None and planned is not None:
             true_step, commanded_step = before.inverse() @ now, planned.inverse() @ plan
             errors.append((commanded_step.inverse() @ true_step).vector)
+            true.append(true_step.vector)
+            told.append(moved.vector)
         before, planned = now, plan
-    return np.array(errors).reshape(-1, 3), np.array(head_sway), steps
+    three = (np.array(one).reshape(-1, 3) for one in (errors, true, told))
+    return steps, *three, np.array(slips).reshape(-1, 2), np.array(head_sway)
 
 
 def _random_command(gait, rng: np.random.Generator) -> WalkCommand:  # type: ignore[no-untyped-def]

@@ -20,7 +20,6 @@ from planning.planners.search_planner import SearchPlanner
 from planning.safety.step_filter import StepFilter
 from planning.univector.fields import FieldConfig
 from planning.world_model import WorldModel
-from sim import bullet
 from sim.robot import SimulatedRobot
 from sim.scene import Scene
 from sim.scenes import catalogue
@@ -119,8 +118,7 @@ def walk(config: Config, perfect: bool = False, stepper: StepFilter | None = Non
         perfect: Error-free perception instead of simulated detections.
         stepper: Checks every step of the planner "search"; None: the guard.
     """
-    if config.robot.needs_pybullet:
-        bullet.require()
+    config.robot.require()
     scene = catalogue.load(
         config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
     )

@@ -65,6 +65,7 @@ FILES = {
     "sensors": "joint.sensors",
     "stairs-perception": "joint.stairs_perception",
     "strangers": "joint.strangers",
+    "two-physics": "joint.two_physics",
     "walking": "joint.walking",
     "mrclam": "real.mrclam",
     "real-floor": "real.floors",

@@ -65,6 +65,7 @@ SMALLER: dict[str, dict[str, float | int]] = {
     "sensors": {"each": 1},
     "sessions": {"small": True},
     "strangers": {"laws": 1, "limit_s": 12.0},
+    "two-physics": {"commands": 10, "limit_s": 8.0},
     "walking": {"commands": 30},
 }
 """Arguments that make an experiment smaller in a quick round, where one seed of it takes minutes."""

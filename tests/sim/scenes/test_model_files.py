@@ -13,7 +13,8 @@ import pytest
 from perception.primitives.errors import InputError, SurefootError
 from perception.primitives.pose import Pose2
 from sim.body.dynamic.anatomy import DARWIN
-from sim.body.dynamic.physics import Physics
+from sim.body.dynamic.physics import Stage
+from sim.body.dynamic.pybullet_engine import PyBulletPhysics
 from sim.scenes import catalogue
 from sim.scenes.model_files import SHEET_M, read_model
 from sim.shapes import Solid, distance
@@ -180,9 +181,9 @@ def test_an_upright_panel_stops_rays_and_blocks_the_path(tmp_path):
 @pytest.mark.parametrize("corners", [PANEL, FLAT])
 def test_a_solid_without_volume_is_solid(corners):
     solid = Solid(np.array(corners), np.array(ONE_SIDE) - 1)
-    physics = Physics(DARWIN, Pose2(5.0, 5.0, 0.0), {}, DARWIN.hip_m, 0.005)
+    stage = Stage(DARWIN, Pose2(5.0, 5.0, 0.0), {}, DARWIN.hip_m, 0.005, still=[solid])
+    physics = PyBulletPhysics(stage)
     try:
-        physics.add_objects([], [solid], [])
         middle = np.array(solid.centre)
         normal = np.array([0.0, 1.0, 0.0]) if corners is PANEL else np.array([0.0, 0.0, 1.0])
         hit = physics._bullet.rayTest(
