@@ -34,6 +34,8 @@ SHARED_PX, MATCHED_PX = (
     2.0,
 )  # ours: outward shift of all borders of labels; after block matching of 9 px
 PARTS = 8  # ours: of an edge, whose scatter tells its covariance
+LEAST_FOLD = 1e-3  # slope of planes that do not meet
+FOLD_M = 0.003  # ours: roughness of floors, by which two planes that meet may be off
 
 
 def straight_edges(
@@ -85,11 +87,45 @@ def straight_edges(
             chosen = chosen[:: -(-len(chosen) // MOST_SAMPLES)]
             crossed = (v if by_columns else u)[chosen]
             others = rows[chosen, 3]
-            edges += _lines(
-                one, inner[chosen], outer[chosen], crossed, others, kind, by_columns, shift_px
-            )
+            at = v[chosen], u[chosen]
+            noise = float(np.median(weight[at] ** -0.5 / q[at] ** 2))
+            edges += [
+                _folded(edge, one, regions, noise)
+                for edge in _lines(
+                    one, inner[chosen], outer[chosen], crossed, others, kind, by_columns, shift_px
+                )
+            ]
         found.append(replace(one, edges=tuple(edges)))
     return found
+
+
+def _folded(edge: Edge, region: Region, regions: list[Region], noise_m: float) -> Edge:
+    """An edge where two planes meet with its kind by the planes, and with the doubt of where they meet.
+
+    The doubt is large at a shallow fold, as at the foot of a ramp: between the places where a pixel is within
+    `MEET_SIGMAS` of both planes, the border may be anywhere.
+
+    Args:
+        edge: Of the region.
+        region, regions: The region, and all.
+        noise_m: Standard deviation of depth there.
+    """
+    if edge.other < 0:
+        return edge
+    plane, other, middle = region.plane, regions[edge.other].plane, edge.middle
+    width = MEET_SIGMAS * noise_m * abs(float(plane.normal @ middle)) / middle[2]
+    if abs(float(other.distance(middle))) > 2.0 * width + FOLD_M:
+        return edge
+    variance = width**2 / 3.0 + FOLD_M**2
+    for one in (region, regions[edge.other]):
+        at = np.array([*(one.plane.tangents @ middle), 1.0])
+        variance += float(at @ one.own @ at)
+    across = variance / max(math.tan(plane.angle_to(other)), LEAST_FOLD) ** 2
+    doubt = np.diag([across / (edge.length_m / 2.0) ** 2, across])
+    outward = np.cross(plane.normal, edge.along)
+    outward *= math.copysign(1.0, float(outward @ (middle - region.middle)))
+    kind = EdgeKind.CONCAVE if float(other.normal @ outward) < 0.0 else EdgeKind.CONVEX
+    return replace(edge, kind=kind, covariance=edge.covariance + doubt)
 
 
 def _lines(
