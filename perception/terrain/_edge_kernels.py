@@ -10,6 +10,9 @@ from ..primitives.compiled import njit
 
 GAP_PX = 3  # ours: pixels without depth or region that a border may be wide: flying pixels
 BEYOND_PX = 4  # ours: how far beyond a fold its sense is judged
+MIXED_PX = 1  # ours: pixels between two surfaces that may see both
+MOST_FOLD_SIGMAS = 10.0  # ours: beyond, a surface that begins in the border, not behind it
+MOST_BACK_PX = 8  # ours
 CONVEX, CONCAVE, OCCLUDING, HIDDEN = 0, 1, 2, 3
 UP, DOWN, LEFT, RIGHT = 0, 1, 2, 3
 LEAST_SAMPLES, MOST_SAMPLES = 10, 120  # ours: pixels of an edge; more are thinned
@@ -22,6 +25,40 @@ LEAST_WIDTH_M = 1e-4  # of a pixel on a plane, as far as it counts
 PARTS = 8  # ours: of an edge, whose scatter tells its covariance
 LINE = 15  # both ends (3 each), variances of angle and offset and their covariance, pixel width, region, kind, other, noise, samples
 FIELDS = 6  # region, side, kind, other region or -1, flat pixel inside, pixels to the one outside
+
+
+@njit(cache=True, nogil=True)
+def fitting(
+    labels: np.ndarray,
+    q: np.ndarray,
+    weight: np.ndarray,
+    slope_x: np.ndarray,
+    slope_y: np.ndarray,
+    a: np.ndarray,
+    pixel: tuple[int, int],
+    way: tuple[int, int],
+    off: float,
+) -> int:
+    """Pixels of a region, inwards from its border, that fit only by their noise and are of the surface beyond.
+
+    Args:
+        labels, q, weight, slope_x, slope_y: As for `borders`.
+        a: Slope of the region.
+        pixel, way: The last pixel of the region, and the step outwards.
+        off: Residual of the first pixel beyond: theirs have the same sign.
+    """
+    (v, u), (dv, du) = pixel, way
+    label = labels[v, u]
+    for back in range(MOST_BACK_PX):
+        m, n = v - back * dv, u - back * du
+        if not (0 <= m < labels.shape[0] and 0 <= n < labels.shape[1]) or labels[m, n] != label:
+            return max(back - 1, 0)
+        x = slope_x[m if slope_x.shape[0] > 1 else 0, n]
+        y = slope_y[m, n if slope_y.shape[1] > 1 else 0]
+        e = (q[m, n] - (a[0] * x + a[1] * y + a[2])) * math.sqrt(weight[m, n])
+        if e * math.copysign(1.0, off) < 1.0:
+            return back
+    return MOST_BACK_PX - 1
 
 
 @njit(cache=True, nogil=True)
@@ -113,8 +150,19 @@ def borders(
                 found[count, 1] = side
                 found[count, 2] = kind
                 found[count, 3] = other
-                found[count, 4] = v * width + u
-                found[count, 5] = first if step == GAP_PX + 1 and first > 0 else step
+                back = 0
+                if first > 0 and step > MIXED_PX + 1:  # a surface of no region
+                    step = first
+                    m, n = v + first * dv, u + first * du
+                    x1 = slope_x[m if rows_x > 1 else 0, n]
+                    y1 = slope_y[m, n if columns_y > 1 else 0]
+                    off = q[m, n] - (a[0] * x1 + a[1] * y1 + a[2])
+                    if abs(off) * math.sqrt(weight[m, n]) < MOST_FOLD_SIGMAS:
+                        back = fitting(
+                            labels, q, weight, slope_x, slope_y, a, (v, u), (dv, du), off
+                        )
+                found[count, 4] = (v - back * dv) * width + u - back * du
+                found[count, 5] = step if back == 0 else 1
                 count += 1
     return count
 

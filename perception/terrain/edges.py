@@ -22,11 +22,12 @@ from .region import Edge, EdgeKind, Region
 MEET_SIGMAS = 3.0  # ours
 LEAST_PART = 0.02  # ours: of the image width or height, that an edge crosses
 MOST_LINES = 512  # ours: of an image
-SHARED_PX, MATCHED_PX = (
-    0.2,
-    2.0,
-)  # ours: outward shift of all borders of labels; after block matching of 9 px
-LEAST_FOLD = 1e-3  # slope of planes that do not meet
+END_PX, FOLD_PX, MATCHED_PX = 0.1, 0.2, 1.0
+"""Ours: by how much a border is off because its pixels see both sides, by standard deviation once for all edges of a view
+and once for each. At a fold, the brighter surface decides; where a surface ends, pixels between are dropped, which leaves
+less; block matching of 9 pixels widens what is nearer, by how much depends on the texture, at each end of an edge."""
+LEAST_FOLD = 1e-3  # against division by zero
+MOST_DOUBT_M = 0.2  # ours: planes so nearly parallel do not meet at the edge
 FOLD_M = 0.003  # ours: roughness of floors, by which two planes that meet may be off
 
 
@@ -49,7 +50,7 @@ def straight_edges(
         return []
     x, y = depth.camera.slopes
     height, width = labels.shape
-    shift_px = MATCHED_PX if depth.baseline_m > 0.0 else SHARED_PX
+    matched = depth.baseline_m > 0.0
     planes = np.array([[*one.plane.normal, one.plane.offset_m] for one in regions])
     slopes = -planes[:, :3] / planes[:, 3:]
     rows = np.empty((64 * (height + width), kernels.FIELDS), np.int64)
@@ -78,9 +79,12 @@ def straight_edges(
     kinds, doubts = _folds(lines, regions, planes)
     edges: list[list[Edge]] = [[] for _ in regions]
     for line, kind, doubt in zip(lines, kinds, doubts, strict=True):
-        P = np.array([[line[6] + doubt[0], line[8]], [line[8], line[7] + doubt[1]]])
         ends = line[:6].reshape(2, 3).copy()
-        edge = Edge(EdgeKind(int(kind)), ends, P, shift_px * float(line[9]), int(line[12]))
+        off_px = MATCHED_PX if matched else END_PX if kind == EdgeKind.OCCLUDING else FOLD_PX
+        off = off_px * float(line[9])
+        turn = 2.0 * off**2 / float(np.sum((ends[1] - ends[0]) ** 2)) if matched else 0.0
+        P = np.array([[line[6] + doubt[0] + turn, line[8]], [line[8], line[7] + doubt[1] + off**2]])
+        edge = Edge(EdgeKind(int(kind)), ends, P, off, int(line[12]))
         edges[int(line[10])].append(edge)
     return [replace(one, edges=tuple(mine)) for one, mine in zip(regions, edges, strict=True)]
 
@@ -111,7 +115,6 @@ def _folds(
     normal, beyond = one[:, :3], two[:, :3]
     width = MEET_SIGMAS * lines[:, 13] * np.abs(np.sum(normal * middle, axis=1)) / middle[:, 2]
     apart = np.abs(np.sum(beyond * middle, axis=1) + two[:, 3])
-    meet = (other >= 0) & (apart <= 2.0 * width + FOLD_M)
     tangents = np.array([one.plane.tangents for one in regions])
     own = np.array([one.own for one in regions])
     variance = width**2 / 3.0 + FOLD_M**2
@@ -122,6 +125,7 @@ def _folds(
     cosine = np.sum(normal * beyond, axis=1)
     sine = np.linalg.norm(np.cross(normal, beyond), axis=1)
     across = variance / np.maximum(sine / np.maximum(np.abs(cosine), 1e-9), LEAST_FOLD) ** 2
+    meet = (other >= 0) & (apart <= 2.0 * width + FOLD_M) & (across < MOST_DOUBT_M**2)
     outward = np.cross(normal, way)
     centres = np.array([one.middle for one in regions])[region]
     outward *= np.sign(np.sum(outward * (middle - centres), axis=1))[:, None]

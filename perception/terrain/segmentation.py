@@ -222,4 +222,5 @@ def _region(
     hull = cv2.convexHull(one.ends.astype(np.int32))[:, 0].astype(np.float64)
     outline = camera.back_project(hull, np.ones(len(hull)))
     outline = outline * (-plane.offset_m / (outline @ plane.normal))[:, None]
-    return Region(plane, own, shared, one.pixels, middle, outline, area)
+    noise = float(np.median(one.inner.sigma / one.inner.xyz[:, 2])) * plane.offset_m
+    return Region(plane, own, shared, one.pixels, middle, outline, area, noise_m=noise)
