@@ -1,6 +1,10 @@
 """Ground of several levels: the surfaces round the robot that a foot may stand on, fused from its depth images.
 
-`surface` holds the values. `perception.terrain` measures them in one image.
+Read in this order: `surface` (values), `ground_map` (motion, images, surfaces), `measured` (what one region says),
+`height_filter` (heights and slopes of all surfaces together), `sides` (straight sides), `seen_cells` and `outline` (the
+rest of the outline), `lookup` (places in the image), `layers` (a grid of heights; what can be stepped to).
+
+`perception.terrain` measures the regions of one image.
 
 Source: ours.
 """

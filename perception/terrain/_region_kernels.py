@@ -353,6 +353,8 @@ def gather(
     sigma: np.ndarray,
     pixels: np.ndarray,
     inside: np.ndarray,
+    totals: np.ndarray,
+    spans: np.ndarray,
 ) -> None:
     """Points of the regions, one region after the other.
 
@@ -362,6 +364,8 @@ def gather(
         inner: (h, w), which pixels are away from the border of their region.
         rough: Roughness that is part of the weight, m.
         xyz, sigma, pixels, inside: (n, 3), (n,), (n,), (n,), written.
+        totals: (m, 4), zeros, written: sums of the points of every region, and of z^3.
+        spans: (m, h, 2), written where a region has pixels: its first and last column in every row; elsewhere -1.
     """
     height, width = labels.shape
     rows_x, columns_y = slope_x.shape[0], slope_y.shape[1]
@@ -379,3 +383,10 @@ def gather(
             sigma[k] = math.sqrt(max(z**4 / weight[v, u] - rough * rough, 0.0))
             pixels[k] = v * width + u
             inside[k] = inner[v, u]
+            total = totals[label]
+            for i in range(3):
+                total[i] += xyz[k, i]
+            total[3] += z * z * z
+            if spans[label, v, 0] < 0:
+                spans[label, v, 0] = u
+            spans[label, v, 1] = u

@@ -18,7 +18,7 @@ from ..floor.common_error import LOCAL_SHARE
 from ..floor.refine import slope_jacobian
 from ..primitives.plane import Plane
 
-ENOUGH = 600  # ours: points
+ENOUGH = 300  # ours: points
 SUB_PIXEL_SIGMAS = 0.15  # ours: in standard deviations of a pixel
 RIPPLE_SLOPE = 1.0 / 6.0  # ours: ray slopes that share a ripple, 10 deg
 

@@ -19,6 +19,8 @@ RAMP_RAD = (
     math.radians(35.0),
 )  # ours: treads fall by 1 deg at most; steeper is no ground
 FILLED = 0.5  # ours: share of its outline that a ramp fills; a plane through far stairs has stripes of each
+SMALLEST_STEP_M = (0.10, 0.21)  # building codes: riser and tread; smaller steps are a ramp
+NOTICED_SIGMAS = 2.0  # ours: of noise, by which such steps would stand out of the plane
 RAMP_M = 0.45  # ours: length along the slope; a shorter one may be a tread, seen crooked
 
 
@@ -40,7 +42,11 @@ def inclination(region: Region, prior: Plane) -> tuple[float, float]:
 
 
 def ramps(regions: list[Region], prior: Plane) -> list[int]:
-    """Indices of the regions that are inclined beyond doubt, and ground nevertheless."""
+    """Indices of the regions that are inclined beyond doubt, and ground nevertheless.
+
+    Of stairs seen along their pitch only the nosings are visible, and noise hides small steps. A plane of which that may
+    hold is no ramp for sure.
+    """
     found = []
     for index, one in enumerate(regions):
         angle, sigma = inclination(one, prior)
@@ -48,9 +54,18 @@ def ramps(regions: list[Region], prior: Plane) -> list[int]:
         along = prior.normal - (prior.normal @ one.plane.normal) * one.plane.normal
         along = along / max(float(np.linalg.norm(along)), 1e-9)
         long = np.ptp(one.outline @ along) >= RAMP_M
-        if inclined and long and one.area_m2 >= FILLED * _area(one.outline):
+        if inclined and long and one.area_m2 >= FILLED * _area(one.outline) and _smooth(one):
             found.append(index)
     return found
+
+
+def _smooth(region: Region) -> bool:
+    """Whether the smallest steps would be noticed: as far as they are seen, their depth below the nosings is uniform."""
+    riser, tread = SMALLEST_STEP_M
+    pitch = math.hypot(riser, tread)
+    incidence = region.plane.offset_m / float(np.linalg.norm(region.middle))  # sine
+    deepest = min(pitch * incidence, riser * tread / pitch)
+    return deepest / math.sqrt(12.0) > NOTICED_SIGMAS * region.noise_m
 
 
 def _area(outline: Float[np.ndarray, "m 3"]) -> float:

@@ -85,6 +85,7 @@ class Region:
         outline: Corners of the convex hull of its points, on the plane, camera frame, m.
         area_m2: Of what is seen of it.
         edges: Its straight edges.
+        noise_m: Median standard deviation of its points, across the plane.
     """
 
     plane: Plane
@@ -95,6 +96,7 @@ class Region:
     outline: Float[np.ndarray, "m 3"]
     area_m2: float
     edges: tuple[Edge, ...] = ()
+    noise_m: float = 0.0
 
     def slope_rad(self, up: Float[np.ndarray, "3"]) -> float:
         """Angle between the plane and the horizontal, given the unit vector up in the camera frame."""

@@ -11,14 +11,16 @@ Taguchi and Kamat 2014; tests by the noise of each pixel, and the fit, ours (`fl
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int16
+from jaxtyping import Float, Float32, Int, Int16
 
 from ..depth._block_matching_kernels import SIDE
 from ..depth.points import Points
 from ..depth.reach import ReachConfig
-from ..floor.choose import FloorConfig, explains
+from ..floor.choose import FloorConfig, explains, thinned
 from ..floor.refine import LEAST_FACTOR, MANY_CELLS, NONE, Fit, Scatter, refine
 from ..primitives.camera import Camera
 from ..primitives.frame import Depth
@@ -47,6 +49,11 @@ MARGIN_PX = (
     2  # ours: border of a region that its fit leaves out; half a block more after block matching
 )
 THIN = 0.2  # ours: least share of a region's pixels away from its border for that
+LARGE, STRIDE, MANY = (
+    150_000,
+    3,
+    600,
+)  # ours: in an image of so many pixels each third point is fitted, if a region has many
 LEAST_PIXELS, LEAST_SHARE = 100, 0.002  # ours: of the image; smaller regions are not claimed
 
 
@@ -77,23 +84,24 @@ def find(
     labels, counts, slopes = _labels(depth, reach, q, weight)
     distortion = config.distortion.of(sensor)
     edge = float(np.max(np.abs(depth.camera.slopes[0])))
-    fits: list[tuple[Points, Points, Fit]] = []
+    stride = 1 if labels.size < LARGE else STRIDE
+    fits: list[tuple[_Pixels, Points, Fit]] = []
     kept = np.full(len(counts) + 1, -1, np.int16)  # by label; the last one is that of no region
-    for label, points, inside in _points(labels, counts, q, weight, depth):
-        thick = np.count_nonzero(inside) > max(LEAST_PIXELS, THIN * len(inside))
-        middle = points.of(inside) if thick else points
-        start = _start(slopes[label])
-        fit = refine(middle, start, config.sample, config.refine, NONE)
+    for one in _pixels(labels, counts, q, weight, depth):
+        middle = (
+            thinned(one.inner, len(one.inner) // stride) if len(one.inner) > MANY else one.inner
+        )
+        fit = refine(middle, _start(slopes[one.label]), config.sample, config.refine, NONE)
         if fit is not None and explains(middle, fit, config):
-            kept[label] = len(fits)
-            fits.append((points, middle, fit))
+            kept[one.label] = len(fits)
+            fits.append((one, middle, fit))
     correlation = _correlation([fit.scatter for _, _, fit in fits])
     found = []
-    for points, middle, fit in fits:
+    for one, middle, fit in fits:
         assert fit.scatter is not None, "refine gives it"
         own, shared = by_distortion(middle, fit.plane, distortion, edge, depth.baseline_m > 0.0)
         own = own + correlation * fit.scatter.independent
-        found.append(_region(points, fit.plane, own, shared, depth.camera))
+        found.append(_region(one, fit.plane, own, shared, depth.camera))
     return straight_edges(found, kept[labels], q, weight, depth)
 
 
@@ -139,31 +147,57 @@ def _labels(
     return labels, counts, slopes
 
 
-def _points(
+class _Pixels(NamedTuple):
+    """Pixels of a region.
+
+    Args:
+        label: Of the region.
+        inner: Points away from its border, or all if it is thin; camera frame.
+        pixels: Flat indices.
+        total: Sums of all points, and of z^3.
+        ends: Column and row of the first and the last pixel of every row.
+    """
+
+    label: int
+    inner: Points
+    pixels: Int[np.ndarray, "n"]
+    total: Float[np.ndarray, "4"]
+    ends: Int[np.ndarray, "m 2"]
+
+
+def _pixels(
     labels: Int16[np.ndarray, "h w"],
     counts: Int[np.ndarray, "m"],
     q: Float32[np.ndarray, "h w"],
     weight: Float32[np.ndarray, "h w"],
     depth: Depth,
-) -> list[tuple[int, Points, Bool[np.ndarray, "n"]]]:
-    """Points of every region, and which are away from its border; the largest first."""
+) -> list[_Pixels]:
+    """Pixels of every region, the largest first."""
     x, y = depth.camera.slopes
     total = int(counts.sum())
     xyz, sigma = np.empty((total, 3)), np.empty(total)
     pixels, inside = np.empty(total, np.int64), np.empty(total, np.bool_)
+    totals = np.zeros((len(counts), 4))
+    spans = np.full((len(counts), labels.shape[0], 2), -1, np.int32)
     starts = np.cumsum(counts) - counts
     margin = SIDE // 2 + MARGIN_PX if depth.baseline_m > 0.0 else MARGIN_PX
     around = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
     inner = (cv2.erode(labels, around) == labels) & (cv2.dilate(labels, around) == labels)
     kernels.gather(
-        labels, q, weight, x, y, starts.copy(), inner, ROUGH_M, xyz, sigma, pixels, inside
-    )
+        labels, q, weight, x, y, starts.copy(), inner, ROUGH_M, xyz, sigma, pixels, inside,
+        totals, spans,
+    )  # fmt: skip
     found = []
     least = max(LEAST_PIXELS, LEAST_SHARE * labels.size)
     for k in np.argsort(-counts, kind="stable"):
         if counts[k] >= least:
             part = slice(int(starts[k]), int(starts[k] + counts[k]))
-            found.append((int(k), Points(xyz[part], sigma[part], pixels[part]), inside[part]))
+            points = Points(xyz[part], sigma[part], pixels[part])
+            thick = np.count_nonzero(inside[part]) > max(LEAST_PIXELS, THIN * counts[k])
+            rows = np.flatnonzero(spans[k, :, 0] >= 0)
+            ends = np.column_stack([spans[k, rows].ravel(), np.repeat(rows, 2)])
+            inner_points = points.of(inside[part]) if thick else points
+            found.append(_Pixels(int(k), inner_points, pixels[part], totals[k], ends))
     return found
 
 
@@ -174,7 +208,7 @@ def _start(slope: Float[np.ndarray, "3"]) -> Plane:
 
 
 def _region(
-    points: Points,
+    one: _Pixels,
     fitted: Plane,
     own: Float[np.ndarray, "3 3"],
     shared: Float[np.ndarray, "3 k"],
@@ -182,18 +216,11 @@ def _region(
 ) -> Region:
     """A region without edges."""
     plane = Plane(fitted.normal, fitted.offset_m, own + shared @ shared.T)
-    middle = points.xyz.mean(axis=0)
-    middle -= plane.distance(middle) * plane.normal
-    area = float((points.xyz[:, 2] ** 3).sum()) / (plane.offset_m * camera.fx * camera.fy)
-    outline = _hull(points.pixels, camera)
+    middle = one.total[:3] / len(one.pixels)
+    middle = middle - plane.distance(middle) * plane.normal
+    area = float(one.total[3]) / (plane.offset_m * camera.fx * camera.fy)
+    hull = cv2.convexHull(one.ends.astype(np.int32))[:, 0].astype(np.float64)
+    outline = camera.back_project(hull, np.ones(len(hull)))
     outline = outline * (-plane.offset_m / (outline @ plane.normal))[:, None]
-    return Region(plane, own, shared, points.pixels, middle, outline, area)
-
-
-def _hull(pixels: Int[np.ndarray, "n"], camera: Camera) -> Float[np.ndarray, "m 3"]:
-    """Rays through the corners of the convex hull of pixels."""
-    v, u = np.divmod(pixels, camera.width)
-    ends = np.flatnonzero(np.diff(v, prepend=-1, append=-1))  # of every row
-    corners = np.column_stack([u, v])[np.r_[ends[:-1], ends[1:] - 1]]
-    hull = cv2.convexHull(corners.astype(np.int32))[:, 0].astype(np.float64)
-    return camera.back_project(hull, np.ones(len(hull)))
+    noise = float(np.median(one.inner.sigma / one.inner.xyz[:, 2])) * plane.offset_m
+    return Region(plane, own, shared, one.pixels, middle, outline, area, noise_m=noise)
