@@ -19,6 +19,9 @@ class GroundConfig:
     behind_m: float = setting(
         1.0, "m", "the same behind the robot", "ours: a step back, and the foot left behind"
     )
+    start_m: float = setting(
+        0.12, "m", "radius of the ground that is known at the start, unseen", "ours: a stance"
+    )
     stand_sigma_m: float = setting(
         0.003, "m", "standard deviation of the height of the ground below the feet", "ours: soles"
     )
@@ -33,7 +36,7 @@ class GroundConfig:
     )
 
     def __post_init__(self) -> None:
-        for name in ("reach_m", "behind_m", "stand_sigma_m", "stand_tilt_deg"):
+        for name in ("reach_m", "behind_m", "start_m", "stand_sigma_m", "stand_tilt_deg"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"ground: {name}={value} must be positive and finite")
