@@ -24,6 +24,7 @@ from sim.robot import RobotConfig, SimulatedRobot
 from sim.scenes import stairs
 from sim.world import World
 
+from ...config.presets import fitted
 from ...config.schema import Config
 from ...run.ground_walk import Feeling, GroundWalker
 from ..support.experiment import Experiment, Outcome, Say, Target
@@ -57,7 +58,7 @@ class Walk:
 def walk(seed: int, kind: str = "stairs") -> Walk:
     """One walk over a random terrain."""
     robot_config = RobotConfig(model=MODEL, stereo=False, colour=False, tof_source="rays")
-    config = Config(robot=robot_config, seed=seed)
+    config = fitted(Config(robot=robot_config, seed=seed))
     terrain = stairs.terrain(kind, seed)
     scene = terrain.scene(kind, seed)
     top_m = max(one.height_m for one in terrain.levels)
