@@ -11,7 +11,7 @@ from perception.localisation.landmarks import LandmarkConfig
 from perception.localisation.localiser_noise import LocaliserConfig
 from perception.localisation.pose_source import PriorConfig
 from perception.primitives.robot_model import GaitLimits
-from sim.robot import RobotConfig
+from sim.robot_config import RobotConfig
 
 from . import toml
 from .robot_model import model_of

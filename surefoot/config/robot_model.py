@@ -18,7 +18,7 @@ from perception.primitives.robot_model import (
     RobotModel,
 )
 from sim.body.dynamic.anatomy import DARWIN, Anatomy, gait_for
-from sim.robot import RobotConfig
+from sim.robot_config import RobotConfig
 
 
 def model_of(robot: RobotConfig, gait: GaitLimits) -> RobotModel:

@@ -51,7 +51,7 @@ from planning.swarm.settings import SwarmWalkerConfig
 from planning.univector.fields import FieldConfig
 from sim.faults.injection import FaultConfig
 from sim.movers.law import MoversConfig
-from sim.robot import RobotConfig
+from sim.robot_config import RobotConfig
 from sim.scenes.difficulty import USUAL
 from sim.scenes.difficulty import check as check_difficulty
 

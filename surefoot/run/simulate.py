@@ -28,7 +28,8 @@ from .run_recorder import RunRecorder
 from .summary import Say, Summary
 
 if TYPE_CHECKING:
-    from sim.robot import RobotConfig, SimulatedRobot
+    from sim.robot import SimulatedRobot
+    from sim.robot_config import RobotConfig
     from sim.scene import Scene
 
     from ..report.live_view import LivePage

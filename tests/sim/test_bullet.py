@@ -9,7 +9,7 @@ import pytest
 
 from perception.primitives.errors import SurefootError
 from sim import bullet
-from sim.robot import RobotConfig
+from sim.robot_config import RobotConfig
 
 needs_bullet = pytest.mark.skipif(
     bullet.require.__name__ != "require", reason="PyBullet is not installed, so that tests skip"

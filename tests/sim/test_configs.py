@@ -15,7 +15,7 @@ from sim.body.gait import GaitConfig
 from sim.body.head import HeadConfig
 from sim.body.inertial import ImuConfig
 from sim.body.kinematic import SlipConfig, SwayConfig
-from sim.robot import RobotConfig
+from sim.robot_config import RobotConfig
 from sim.sensors.cameras import ImageConfig
 from sim.sensors.tof_camera import TofConfig
 

@@ -14,7 +14,8 @@ from sim.body.head import HeadConfig
 from sim.body.inertial import ImuConfig
 from sim.body.kinematic import SlipConfig, SwayConfig
 from sim.contact import robot_solid
-from sim.robot import RobotConfig, SimulatedRobot
+from sim.robot import SimulatedRobot
+from sim.robot_config import RobotConfig
 from sim.scenes import catalogue
 from sim.truth import Truth
 from sim.world import World

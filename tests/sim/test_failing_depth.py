@@ -7,7 +7,8 @@ import pytest
 
 from perception.primitives.errors import ConfigError
 from sim.rendering.textures import PALETTE, paint
-from sim.robot import RobotConfig, SimulatedRobot
+from sim.robot import SimulatedRobot
+from sim.robot_config import RobotConfig
 from sim.scenes import catalogue
 from sim.world import World
 

@@ -18,7 +18,8 @@ from sim.body.dynamic.config import DynamicConfig
 from sim.body.head import HeadConfig
 from sim.body.inertial import ImuConfig
 from sim.body.kinematic import SlipConfig, SwayConfig
-from sim.robot import RobotConfig, SimulatedRobot
+from sim.robot import SimulatedRobot
+from sim.robot_config import RobotConfig
 from sim.scenes import catalogue
 from sim.sensors.cameras import ImageConfig
 from sim.truth import Truth

@@ -10,7 +10,8 @@ from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose2
 from sim.body.dynamic.config import DynamicConfig
 from sim.movers.law import MoversConfig
-from sim.robot import RobotConfig, SimulatedRobot
+from sim.robot import SimulatedRobot
+from sim.robot_config import RobotConfig
 from sim.scenes import catalogue
 from sim.truth import Truth
 from sim.world import World

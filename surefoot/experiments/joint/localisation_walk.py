@@ -31,7 +31,8 @@ from sim.body.head import HeadConfig
 from sim.body.inertial import ImuConfig
 from sim.body.kinematic import SlipConfig, SwayConfig
 from sim.free_space import clearance_map
-from sim.robot import RobotConfig, SimulatedRobot
+from sim.robot import SimulatedRobot
+from sim.robot_config import RobotConfig
 from sim.scene import Scene
 from sim.scenes import catalogue
 from sim.sensors.tof_camera import TofConfig

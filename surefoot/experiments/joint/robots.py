@@ -14,7 +14,7 @@ import numpy as np
 
 from perception.primitives.errors import InputError
 from planning.planners.mission import MissionConfig
-from sim.robot import RobotConfig
+from sim.robot_config import RobotConfig
 from sim.robots import catalogue, installed
 
 from ...config.presets import fitted

@@ -29,7 +29,7 @@ from perception.primitives.pose import Pose2, Pose3, head_rotation
 from sim.rendering.motion import Motion
 from sim.rendering.rays import RayCaster
 from sim.rendering.renderer import choose_renderer
-from sim.robot import RobotConfig
+from sim.robot_config import RobotConfig
 from sim.scene import FloorArea, Scene, StaticObject
 from sim.scenes import catalogue
 from sim.sensors.cameras import stereo_pair

@@ -20,7 +20,8 @@ import numpy as np
 
 from planning.footholds.foothold import Foothold
 from sim.body.kinematic import KinematicBody
-from sim.robot import RobotConfig, SimulatedRobot
+from sim.robot import SimulatedRobot
+from sim.robot_config import RobotConfig
 from sim.scenes import stairs
 from sim.world import World
 

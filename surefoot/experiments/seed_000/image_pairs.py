@@ -16,7 +16,8 @@ from perception.primitives.frame import Frame
 from perception.primitives.pose import Pose3
 from planning.commands import GazeCommand, WalkCommand
 from sim.rendering.rays import RayCaster
-from sim.robot import RobotConfig, SimulatedRobot
+from sim.robot import SimulatedRobot
+from sim.robot_config import RobotConfig
 from sim.scenes import catalogue
 from sim.truth import Truth
 from sim.world import World

@@ -20,7 +20,7 @@ from scipy.stats import rankdata
 from perception.depth import stereo
 from perception.primitives.frame import StereoView
 from perception.primitives.pose import Pose2, Pose3, head_rotation
-from sim.robot import RobotConfig
+from sim.robot_config import RobotConfig
 from sim.scene import FloorArea, Scene, StaticObject
 from sim.scenes.rooms import walls
 from sim.sensors.cameras import stereo_pair

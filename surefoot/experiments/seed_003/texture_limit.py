@@ -28,7 +28,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.frame import Frame, RangeView, StereoView
 from perception.primitives.pose import Pose2, Pose3, head_rotation
 from planning.planners.mission import MissionConfig
-from sim.robot import RobotConfig
+from sim.robot_config import RobotConfig
 from sim.scenes import catalogue
 from sim.sensors.cameras import stereo_pair
 from sim.sensors.tof_camera import TofCamera

@@ -10,7 +10,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, SurefootError
 from perception.primitives.pose import Pose2, Pose3, head_rotation
 from sim.rendering.renderer import choose_renderer
-from sim.robot import RobotConfig
+from sim.robot_config import RobotConfig
 from sim.scene import FloorArea, MovingObject, Scene, StaticObject
 from sim.scenes import catalogue
 from sim.sensors.tof_camera import TofCamera, TofConfig

@@ -8,7 +8,7 @@ import pytest
 
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.robot_model import RADIUS_M
-from sim.robot import RobotConfig, grown
+from sim.robot_config import RobotConfig, grown
 from sim.robots import catalogue, installed
 from sim.robots.jointed import jointed
 

@@ -17,7 +17,8 @@ from planning.commands import WalkCommand
 from sim.body.head import HeadConfig
 from sim.body.kinematic import SlipConfig, SwayConfig
 from sim.rendering.motion import Motion, motion_between
-from sim.robot import RobotConfig, SimulatedRobot
+from sim.robot import SimulatedRobot
+from sim.robot_config import RobotConfig
 from sim.scene import FloorArea, MovingObject, Scene, StaticObject
 from sim.sensors.cameras import ImageConfig, colour_picture, stereo_pair
 from sim.shapes import Box, Cylinder

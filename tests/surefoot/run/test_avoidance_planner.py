@@ -18,7 +18,8 @@ from planning.commands import GazeCommand
 from planning.planners.avoidance_planner import DIRECTIONS, INTO_RAD, AvoidancePlanner
 from planning.planners.settings import PlanningConfig
 from planning.world_model import WorldModel
-from sim.robot import RobotConfig, SimulatedRobot
+from sim.robot import SimulatedRobot
+from sim.robot_config import RobotConfig
 from sim.scene import FloorArea, Scene, StaticObject
 from sim.shapes import Box
 from sim.world import World

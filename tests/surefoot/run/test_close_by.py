@@ -7,7 +7,8 @@ import numpy as np
 
 from perception.primitives.pose import Pose2
 from planning.commands import GazeCommand
-from sim.robot import RobotConfig, SimulatedRobot
+from sim.robot import SimulatedRobot
+from sim.robot_config import RobotConfig
 from sim.scene import FloorArea, Scene
 from sim.scenes.public_places import person
 from sim.world import World

@@ -11,7 +11,8 @@ from perception.localisation.localiser_noise import GYRO_BIAS_SIGMA_RADPS
 from perception.primitives.frame import Imu, StepOdometry
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2, wrap_angle
-from sim.robot import RobotConfig, SimulatedRobot
+from sim.robot import SimulatedRobot
+from sim.robot_config import RobotConfig
 from sim.scenes import catalogue
 from sim.world import World
 from surefoot.config.presets import WALKED_LOCALISER

@@ -19,7 +19,8 @@ from sim.body.dynamic.engines import begin
 from sim.body.dynamic.legs import Legs
 from sim.body.dynamic.physics import ENGINES, Physics, Stage
 from sim.body.gait import GRAVITY_MPS2
-from sim.robot import RobotConfig, SimulatedRobot
+from sim.robot import SimulatedRobot
+from sim.robot_config import RobotConfig
 from sim.scene import FloorArea, Scene, StaticObject
 from sim.shapes import Box, Cylinder, Solid
 from sim.world import World

@@ -19,7 +19,8 @@ from sim.body.dynamic.anatomy import DARWIN, links
 from sim.body.dynamic.balance import BalanceConfig
 from sim.body.dynamic.config import DynamicConfig
 from sim.body.dynamic.walker import NECK, DynamicBody
-from sim.robot import RobotConfig, SimulatedRobot
+from sim.robot import SimulatedRobot
+from sim.robot_config import RobotConfig
 from sim.scene import FloorArea, Scene, StaticObject
 from sim.shapes import Box, Solid
 from sim.truth import Truth

@@ -17,7 +17,8 @@ from perception.primitives.frame import Frame, Imu, StepOdometry
 from perception.primitives.landmark import Sighting
 from perception.primitives.pose import Pose2
 from planning.commands import GazeCommand, WalkCommand
-from sim.robot import RobotConfig, SimulatedRobot
+from sim.robot import SimulatedRobot
+from sim.robot_config import RobotConfig
 from sim.scenes import catalogue
 from sim.world import World
 from surefoot.config.presets import on_body
