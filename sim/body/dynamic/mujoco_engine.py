@@ -50,7 +50,7 @@ class MujocoPhysics:
         angles = np.array([stage.stance.get(name, 0.0) for name in names])
         data.qpos[self._numbers(names)[0]] = angles
         self.command_joints(names, angles, np.zeros(len(names)))
-        self._velocity = np.zeros(3)
+        self._velocity, self._turned = np.zeros(3), data.qpos[3:7].copy()
         mujoco.mj_forward(model, data)
 
     def command_joints(
@@ -63,7 +63,7 @@ class MujocoPhysics:
         return np.array(self.data.qpos[self._numbers(names)[0]])
 
     def step(self) -> None:
-        self._velocity = self._base_velocity()
+        self._velocity, self._turned = self._base_velocity(), self.data.qpos[3:7].copy()
         self._mujoco.mj_step(self.model, self.data, STEPS)
         self._mujoco.mj_kinematics(self.model, self.data)  # frames after the last step, not before
         self.data.xfrc_applied[self._base] = 0.0
@@ -74,8 +74,10 @@ class MujocoPhysics:
 
     def imu_reading(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
         acceleration = (self._base_velocity() - self._velocity) / self._tick_s
-        R = self.pelvis().rotation
-        return self.data.qvel[3:6].copy(), times(R.T, acceleration + GRAVITY_MPS2 * self._up)
+        R, turn = self.pelvis().rotation, np.zeros(3)
+        # means over the tick: the rate at its end would miss what its steps turn there and back
+        self._mujoco.mju_subQuat(turn, self.data.qpos[3:7], self._turned)
+        return turn / self._tick_s, times(R.T, acceleration + GRAVITY_MPS2 * self._up)
 
     def link(self, name: str) -> Pose3:
         body = self.data.body(name)

@@ -76,7 +76,7 @@ class Physics(Protocol):
         """Ideal inertial sensor at the base's centre of mass over the last tick, trunk axes.
 
         Returns:
-            Angular velocity, rad/s, and specific force, m/s^2.
+            Mean angular velocity, rad/s, and mean specific force, m/s^2.
         """
 
     def link(self, name: str) -> Pose3:

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from perception.primitives.errors import ConfigError, SurefootError
 from perception.primitives.pose import Pose2
@@ -71,6 +72,23 @@ def test_a_falling_body_falls_by_half_g_t_squared_and_feels_no_weight(engine):
     assert (x, y) == pytest.approx((0.1, -0.2), abs=1e-3)
     np.testing.assert_allclose(force, 0.0, atol=0.02)
     np.testing.assert_allclose(turn, 0.0, atol=0.02)
+
+
+@both
+def test_the_gyro_adds_up_to_the_rotation_of_a_trunk_that_shakes(engine):
+    """In free fall, with legs kicked to and fro faster than a tick can resolve."""
+    physics, names = begin(engine, stage(3.0)), ("left_hip_roll", "right_hip_pitch", "left_hip_yaw")
+    told = Rotation.from_matrix(physics.pelvis().rotation)
+    farthest = 0.0
+    for k in range(60):
+        physics.command_joints(names, np.full(3, 0.3 * (-1) ** (k // 3)), np.zeros(3))
+        physics.step()
+        told = told * Rotation.from_rotvec(TICK_S * physics.imu_reading()[0])
+        true = Rotation.from_matrix(physics.pelvis().rotation)
+        farthest = max(farthest, (true * Rotation.from_euler("z", 0.5).inv()).magnitude())
+    physics.close()
+    assert math.degrees(farthest) > 3.0
+    assert math.degrees((told.inv() * true).magnitude()) < 0.01
 
 
 @both
