@@ -13,20 +13,22 @@ from perception.primitives.settings import setting
 class GroundConfig:
     """How far the map reaches, and how well the joints know where the robot stands."""
 
+    enabled: bool = setting(
+        False,
+        "",
+        "keep a map of ground of several levels; needs the camera's place on the body",
+        "ours: costs a third of a frame, and flat ground does not need it",
+    )
     reach_m: float = setting(
         3.0, "m", "distance to which surfaces are kept", "ours: some steps ahead; sensors reach 3 m"
     )
-    behind_m: float = setting(
-        1.0, "m", "the same behind the robot", "ours: a step back, and the foot left behind"
+    behind_m: float = 1.0  # ours: the same behind the robot; a step back, and the foot left behind
+    stand_sigma_m: float = (
+        0.003  # ours: soles; standard deviation of the height of the ground below the feet
     )
-    start_m: float = setting(
-        0.12, "m", "radius of the ground that is known at the start, unseen", "ours: a stance"
-    )
-    stand_sigma_m: float = setting(
-        0.003, "m", "standard deviation of the height of the ground below the feet", "ours: soles"
-    )
-    stand_tilt_deg: float = setting(
-        0.5, "deg", "standard deviation of its slopes at the start", "ours: floors are built level"
+    start_m: float = 0.12  # ours: a stance; radius of the ground that is known at the start, unseen
+    stand_tilt_deg: float = (
+        0.5  # ours: floors are built level; standard deviation of its slopes at the start
     )
     lasting_share: float = setting(
         0.1,

@@ -19,12 +19,11 @@ from ..floor.refine import slope_jacobian
 from ..primitives.plane import Plane
 
 ENOUGH = 300  # ours: points
-SUB_PIXEL_SIGMAS = 0.15  # ours: in standard deviations of a pixel
 RIPPLE_SLOPE = 1.0 / 6.0  # ours: ray slopes that share a ripple, 10 deg
 
 
 def by_distortion(
-    points: Points, plane: Plane, distortion: Distortion, edge: float, matched: bool = False
+    points: Points, plane: Plane, distortion: Distortion, edge: float, common_sigmas: float = 0.0
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 k"]]:
     """Errors (a, b, c), as in `Plane.covariance`, of a plane fitted to points in inverse depth.
 
@@ -33,10 +32,10 @@ def by_distortion(
         plane: Fitted to them.
         distortion: Of the sensor.
         edge: Ray slope of the image's left and right edge.
-        matched: Whether the depth is by block matching.
+        common_sigmas: Error that the points at the rim share, in standard deviations of a point.
 
     Returns:
-        Covariance by local ripples and by sub-pixel matching, and the errors by one standard deviation of each coefficient of the smooth
+        Covariance by local ripples and by what points at the rim share, and the errors by one standard deviation of each coefficient of the smooth
         field, which are those of every plane of the view.
     """
     few = thinned(points, ENOUGH)
@@ -47,21 +46,18 @@ def by_distortion(
     gain = slope_jacobian(plane) @ np.linalg.solve(
         (rays * w[:, None]).T @ rays, (rays * w[:, None]).T
     )
-    by_matching = _by_sub_pixels(few, plane) if matched else np.zeros((3, 3))
+    at_rim = _by_rim(few, plane, common_sigmas) if common_sigmas > 0.0 else np.zeros((3, 3))
     field = distortion.field(rays[:, 0], rays[:, 1], z, few.sigma, edge)
     ripple = gain * (LOCAL_SHARE * distortion.size(z, few.sigma) * q)
     column, row = np.floor(rays[:, :2] / RIPPLE_SLOPE).astype(int).T
     _, block = np.unique(row * 1000 + column, return_inverse=True)
     ripples = np.stack([np.bincount(block, one) for one in ripple])
-    return ripples @ ripples.T + by_matching, gain @ (field * q[:, None])
+    return ripples @ ripples.T + at_rim, gain @ (field * q[:, None])
 
 
-def _by_sub_pixels(points: Points, plane: Plane) -> Float[np.ndarray, "3 3"]:
-    """Covariance by the error that pixels of like disparity share: interpolation errs alike for all of them.
-
-    It shifts the plane, and tilts it as far as it shifts it at the rim of the points.
-    """
-    off = SUB_PIXEL_SIGMAS * float(np.mean(points.sigma / points.xyz[:, 2])) * plane.offset_m
+def _by_rim(points: Points, plane: Plane, sigmas: float) -> Float[np.ndarray, "3 3"]:
+    """Covariance by an error that points share: it shifts the plane, and tilts it as far as it shifts it at the rim."""
+    off = sigmas * float(np.mean(points.sigma / points.xyz[:, 2])) * plane.offset_m
     at = points.xyz @ plane.tangents.T
     middle = at.mean(axis=0)
     P = np.zeros((3, 3))

@@ -44,8 +44,8 @@ def inclination(region: Region, prior: Plane) -> tuple[float, float]:
 def ramps(regions: list[Region], prior: Plane) -> list[int]:
     """Indices of the regions that are inclined beyond doubt, and ground nevertheless.
 
-    Of stairs seen along their pitch only the nosings are visible, and noise hides small steps. A plane of which that may
-    hold is no ramp for sure.
+    Of stairs seen along their pitch only the nosings are visible, and pixels and noise hide small steps. A plane of which
+    that may hold is no ramp for sure.
     """
     found = []
     for index, one in enumerate(regions):
@@ -64,6 +64,8 @@ def _smooth(region: Region) -> bool:
     riser, tread = SMALLEST_STEP_M
     pitch = math.hypot(riser, tread)
     incidence = region.plane.offset_m / float(np.linalg.norm(region.middle))  # sine
+    if pitch * incidence < region.detail_m:
+        return False
     deepest = min(pitch * incidence, riser * tread / pitch)
     return deepest / math.sqrt(12.0) > NOTICED_SIGMAS * region.noise_m
 

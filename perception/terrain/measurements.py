@@ -2,7 +2,8 @@
 
 The parameters are (tilt, tilt, yaw, s0, tread, h0, riser): the two tilts of up about the tangents of the prior, the yaw of
 the direction of rise about up, and the lines s0 + k tread and h0 + k riser of nosings and levels. A level measures its
-plane (3 numbers), a riser or a nosing its yaw and its place along the direction (2 numbers).
+tilts and the height of its middle (3 numbers; below the camera the height would change with the square of the tilts), a
+riser or a nosing its yaw and its place along the direction (2 numbers).
 
 Source: ours.
 """
@@ -56,12 +57,17 @@ def measured(
     mark = np.zeros(count)  # outward shift of all edges
     rows, row = [], 2
     for index, k in match.levels:
-        plane = regions[index].plane
+        plane, middle = regions[index].plane, regions[index].middle
         here = slice(row, row + 3)
-        residual[here] = plane.error_to(Plane(up, -float(x[5] + k * x[6])))
+        level = Plane(up, -float(x[5] + k * x[6]))
+        residual[here] = plane.error_to(level)
+        residual[row + 2] = level.distance(middle)
         H[row : row + 2, :2] = plane.tangents @ tilts.T
+        H[row + 2, :2] = tilts @ middle
         H[row + 2, 5], H[row + 2, 6] = -1.0, -float(k)
-        G[here, 2 + place[index] : 5 + place[index]] = np.eye(3)
+        at_middle = np.eye(3)
+        at_middle[2, :2] = plane.tangents @ middle
+        G[here, 2 + place[index] : 5 + place[index]] = at_middle
         rows.append(here)
         row += 3
     for number, one in enumerate(match.nosings):

@@ -86,6 +86,7 @@ class Region:
         area_m2: Of what is seen of it.
         edges: Its straight edges.
         noise_m: Median standard deviation of its points, across the plane.
+        detail_m: Size of what the image still resolves there, across the line of sight.
     """
 
     plane: Plane
@@ -97,6 +98,7 @@ class Region:
     area_m2: float
     edges: tuple[Edge, ...] = ()
     noise_m: float = 0.0
+    detail_m: float = 0.0
 
     def slope_rad(self, up: Float[np.ndarray, "3"]) -> float:
         """Angle between the plane and the horizontal, given the unit vector up in the camera frame."""

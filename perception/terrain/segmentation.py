@@ -22,7 +22,6 @@ from ..depth.points import Points
 from ..depth.reach import ReachConfig
 from ..floor.choose import FloorConfig, explains, thinned
 from ..floor.refine import LEAST_FACTOR, MANY_CELLS, NONE, Fit, Scatter, refine
-from ..primitives.camera import Camera
 from ..primitives.frame import Depth
 from ..primitives.plane import Plane
 from . import _region_kernels as kernels
@@ -54,6 +53,11 @@ LARGE, STRIDE, MANY = (
     3,
     600,
 )  # ours: in an image of so many pixels each third point is fitted, if a region has many
+SUB_PIXEL_SIGMAS = 0.1  # ours: shared by pixels of like disparity
+RESOLVED_PX, RESOLVED_BLOCKS = (
+    5.0,
+    1.5,
+)  # ours: two for each surface of a step; blocks of a matching smooth steps to a plane
 LEAST_PIXELS, LEAST_SHARE = 100, 0.002  # ours: of the image; smaller regions are not claimed
 
 
@@ -99,9 +103,10 @@ def find(
     found = []
     for one, middle, fit in fits:
         assert fit.scatter is not None, "refine gives it"
-        own, shared = by_distortion(middle, fit.plane, distortion, edge, depth.baseline_m > 0.0)
+        common = SUB_PIXEL_SIGMAS if depth.baseline_m > 0.0 else 0.0
+        own, shared = by_distortion(middle, fit.plane, distortion, edge, common)
         own = own + correlation * fit.scatter.independent
-        found.append(_region(one, fit.plane, own, shared, depth.camera))
+        found.append(_region(one, fit.plane, own, shared, depth))
     return straight_edges(found, kept[labels], q, weight, depth)
 
 
@@ -212,9 +217,10 @@ def _region(
     fitted: Plane,
     own: Float[np.ndarray, "3 3"],
     shared: Float[np.ndarray, "3 k"],
-    camera: Camera,
+    depth: Depth,
 ) -> Region:
     """A region without edges."""
+    camera = depth.camera
     plane = Plane(fitted.normal, fitted.offset_m, own + shared @ shared.T)
     middle = one.total[:3] / len(one.pixels)
     middle = middle - plane.distance(middle) * plane.normal
@@ -223,4 +229,8 @@ def _region(
     outline = camera.back_project(hull, np.ones(len(hull)))
     outline = outline * (-plane.offset_m / (outline @ plane.normal))[:, None]
     noise = float(np.median(one.inner.sigma / one.inner.xyz[:, 2])) * plane.offset_m
-    return Region(plane, own, shared, one.pixels, middle, outline, area, noise_m=noise)
+    pixels = RESOLVED_BLOCKS * SIDE if depth.baseline_m > 0.0 else RESOLVED_PX
+    detail = pixels * middle[2] / max(camera.fx, camera.fy)
+    return Region(
+        plane, own, shared, one.pixels, middle, outline, area, noise_m=noise, detail_m=detail
+    )

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from mapping.grid.confidence import ConfidenceConfig
 from mapping.grid.egocentric_grid import GridConfig
 from mapping.grid.world_map import WorldMapConfig
+from mapping.ground.config import GroundConfig
 from mapping.io.clouds import CloudConfig
 from mapping.objects.footprints import FootprintConfig
 from mapping.panorama.view_selection import ViewSelectionConfig
@@ -116,6 +117,7 @@ class Config:
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     grid: GridConfig = field(default_factory=GridConfig)
     confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
+    ground: GroundConfig = field(default_factory=GroundConfig)
     world_map: WorldMapConfig = field(default_factory=WorldMapConfig)
     odometer: OdometerConfig = field(default_factory=OdometerConfig)
     cloud: CloudConfig = field(default_factory=CloudConfig)

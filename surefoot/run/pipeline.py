@@ -60,6 +60,7 @@ from planning.world_model import WorldModel
 
 from ..config.schema import Config
 from ..recordings.recording import RecordingInfo
+from .ground_watch import GroundWatch
 
 FLOORS = 6  # ours: floors that are compared with the joints together; two seconds of two cameras
 UPPER_ROWS = 2  # ours: of an image; what reaches them goes on above it
@@ -88,6 +89,7 @@ class Pipeline:
         self._clock, self._pictures = RunClock(), PictureWatch()
         self._floors, self._heights = Bias(2, FLOORS), Surprise(1, HEIGHTS)
         self._status = StatusBoard()
+        self.ground = GroundWatch(config, self.floor_config)
         self._reset_maps()
 
     def _reset_maps(self) -> None:
@@ -141,6 +143,9 @@ class Pipeline:
                 )
         with watch.stage("map"):
             self._update_maps(frame, views, pose)
+        if self.ground.map is not None:
+            with watch.stage("ground"):
+                self.ground.update(frame, views, None if pose is None else _pose2(pose))
         estimate = Estimate(
             frame.stamp_s,
             pose,

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from mapping.grid.rooms import rooms_of
-from mapping.io import clouds, grid_file, nav2, world_file
+from mapping.io import clouds, grid_file, ground_file, nav2, world_file
 from perception.estimate import Estimate
 from perception.filtering.consistency import Innovation
 from perception.floor.segmented_view import SegmentedView
@@ -183,6 +183,11 @@ class RunRecorder:
             folder.write_json(ROOMS, room_entries(divided))
         if pipeline.grid is not None:
             grid_file.save(folder.path("terrain.npz"), pipeline.grid, pipeline.confidence)
+        ground = pipeline.ground
+        if ground.map is not None and ground.images:
+            folder.write_json(
+                ground_file.NAME, ground_file.entries(ground.map.surfaces, ground.body)
+            )
         points, colours = pipeline.cloud.cloud()
         if len(points):
             attributes = {"sightings": pipeline.cloud.sightings}

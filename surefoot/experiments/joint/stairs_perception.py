@@ -2,8 +2,9 @@
 
 Random staircases, up and down by turns, some without risers, and as many ramps, floors with boxes, and kerbs, each seen once
 by time of flight, stereo, and structured light with a bend as large as its maker states. Parameters were chosen on seeds 0
-to 29. Seeds 1000 to 1099 were judged first and showed errors with boards and with far stairs, which were mended; judged are seeds
-from 2000.
+to 29, sizes of errors of edges on seeds 0 to 59, and staircases down by time of flight to 799. Seeds 1000 to 1099 and 2000 to
+2059 were judged first and showed errors with boards, with far stairs, and in the height of thin treads, which were mended;
+judged are seeds from 3000.
 
 In recordings only one staircase has labels: that of the time-of-flight set DPD, 8-bit grey levels without units. Its
 planes are scored by their overlap with the labels.
@@ -36,7 +37,7 @@ from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.stair_views import SENSORS, Stairs, StairView
 from ..support.trials import run_trials
 
-FIRST_SEED = 2000
+FIRST_SEED = 3000
 STAIRS, OTHERS = ("up", "down"), ("ramp up", "ramp down", "flat", "kerb")
 CONFIG = FloorConfig(
     distortion=DistortionConfig(CALIBRATED_DISTORTION.tof, CALIBRATED_DISTORTION.stereo)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ...results.run_folder import RunFolder
-from . import consistency, rooms, sessions, surface, time_series, top_view, world_map
+from . import consistency, ground, rooms, sessions, surface, time_series, top_view, world_map
 from .style import Drawn, Picture, styled, svg
 
 _PLOTS: tuple[tuple[str, str, Callable[[RunFolder], Drawn | None]], ...] = (
@@ -13,6 +13,7 @@ _PLOTS: tuple[tuple[str, str, Callable[[RunFolder], Drawn | None]], ...] = (
     ("sessions", "Sessions and changes", sessions.sessions),
     ("surface", "Surface", surface.surface),
     ("layers", "Floor layers", surface.layers),
+    ("ground", "Ground of several levels", ground.ground),
     ("world", "Map of the whole run", world_map.world_map),
     ("rooms", "Rooms", rooms.rooms),
     ("aligned", "Pose error after alignment", time_series.aligned_errors),

@@ -1,0 +1,82 @@
+"""Surfaces of the ground in a file: GeoJSON (RFC 7946) with coordinates in m in the body frame.
+
+Every surface is a Polygon whose corners have x, y and height. Its properties are those of `Surface`; the names of `Border`
+say what is beyond the side from each corner to the next.
+
+Source: Butler et al. 2016, RFC 7946; coordinates are not geographic, as in its section 4.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from perception.primitives.errors import RecordingError
+from perception.primitives.pose import Pose2
+
+from ..ground.surface import Border, Surface
+
+NAME = "ground.json"
+
+
+def entries(surfaces: Sequence[Surface], body: Pose2) -> dict[str, Any]:
+    """The content of the file.
+
+    Args:
+        surfaces: Body frame.
+        body: Where the robot stands, world frame.
+    """
+    features = []
+    for one in surfaces:
+        z, _ = one.height_at(one.outline)
+        ring = np.column_stack([one.outline, z]).tolist()
+        properties = {
+            "origin_m": one.origin.tolist(),
+            "height": one.height.tolist(),
+            "covariance": one.covariance.tolist(),
+            "borders": [Border(int(kind)).name.lower() for kind in one.borders],
+            "sigma_m": one.sigma_m.tolist(),
+            "shared_m": one.shared_m,
+            "views": one.views,
+        }
+        geometry = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
+        features.append({"type": "Feature", "geometry": geometry, "properties": properties})
+    return {
+        "type": "FeatureCollection",
+        "frame": "body",
+        "T_world_body": body.vector.tolist(),
+        "features": features,
+    }
+
+
+def load(path: Path) -> tuple[tuple[Surface, ...], Pose2]:
+    """Surfaces of a file, and where the robot stood.
+
+    Raises:
+        RecordingError: The file cannot be read, or is no file of surfaces.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        found = []
+        for feature in content["features"]:
+            ring = np.array(feature["geometry"]["coordinates"][0])[:-1]
+            own = feature["properties"]
+            found.append(
+                Surface(
+                    np.array(own["origin_m"]),
+                    np.array(own["height"]),
+                    np.array(own["covariance"]),
+                    ring[:, :2],
+                    np.array([Border[name.upper()] for name in own["borders"]], int),
+                    np.array(own["sigma_m"]),
+                    float(own["shared_m"]),
+                    int(own["views"]),
+                )
+            )
+        return tuple(found), Pose2(*content["T_world_body"])
+    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+        raise RecordingError(f"{path}: no file of ground surfaces ({error!r})") from error
