@@ -15,6 +15,7 @@ class WalkCommand:
         turn_rad: theta, change of heading over the step, left positive (clockwise in the paper).
         single_support_s: T_SS.
         double_support_s: T_DS.
+        rise_m: Height at which the foot lands above the foot that stands; 0 on flat ground. Ours.
 
     Source: seed 000, section 2.1.
     """
@@ -24,6 +25,7 @@ class WalkCommand:
     turn_rad: float = 0.0
     single_support_s: float = 0.30
     double_support_s: float = 0.35
+    rise_m: float = 0.0
 
     @property
     def duration_s(self) -> float:

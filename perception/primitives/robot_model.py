@@ -90,6 +90,33 @@ class HeadLimits:
 
 
 @dataclass(frozen=True)
+class StepLimits:
+    """What the legs reach from one level of the ground to another; 0 where a robot does not leave its level.
+
+    Args:
+        up_m, down_m: Largest height of the foot that lands above and below the one that stands.
+        reach_m: Largest step ahead to another level: of the frame midway between the feet, as of every footstep.
+    """
+
+    up_m: float = 0.0
+    down_m: float = 0.0
+    reach_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ConfigError(f"steps: {name}={value} must be finite and not negative")
+
+    def scaled(self, factor: float) -> StepLimits:
+        """The limits of legs longer by a factor."""
+        return StepLimits(factor * self.up_m, factor * self.down_m, factor * self.reach_m)
+
+
+DARWIN_STEPS = StepLimits(0.04, 0.03, 0.13)
+"""Ours, by its thighs and shanks of 93 mm: the knee of the lower leg is stretched at a reach of 0.14 m."""
+
+
+@dataclass(frozen=True)
 class RobotModel:
     """Sizes of a humanoid and limits of its gait and head; lengths in m.
 
@@ -101,7 +128,9 @@ class RobotModel:
         foot_m: Length and width of a foot.
         eye_m: Height of the camera while the head is tilted down and the robot walks.
         hip_m: Height of the pelvis while walking, which sets the scale of the steps.
+        stance_m: Distance of the feet side by side, from middle to middle.
         gait: Limits of a footstep.
+        steps: Limits of one to another level.
         head: Limits of the neck.
     """
 
@@ -113,7 +142,9 @@ class RobotModel:
     foot_m: tuple[float, float] = (0.104, 0.066)
     eye_m: float = 0.38
     hip_m: float = HIP_M
+    stance_m: float = 0.090
     gait: GaitLimits = field(default_factory=GaitLimits)
+    steps: StepLimits = DARWIN_STEPS
     head: HeadLimits = field(default_factory=HeadLimits)
 
     def __post_init__(self) -> None:

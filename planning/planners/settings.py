@@ -8,6 +8,7 @@ from perception.primitives.robot_model import DARWIN_OP, RobotModel
 
 from ..avoidance.choice import AvoidanceConfig
 from ..exploration import ExplorationConfig
+from ..footholds.search import FootholdConfig
 from ..gaze.policy import GazeConfig
 from ..safety.guard import GuardConfig
 from ..search.potential import SearchConfig
@@ -33,6 +34,7 @@ class PlanningConfig:
         mission: Goals, tolerances, time limit.
         search: Potential and grid search.
         route: When the path is searched anew.
+        footholds: Where feet may stand on ground of several levels.
         exploration: Choice of places to visit.
         univector: Field of the planners "field" (to the goal) and "search" (to its via points).
         guard: Check of every step against predicted obstacles.
@@ -46,6 +48,7 @@ class PlanningConfig:
     mission: MissionConfig = field(default_factory=MissionConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
     route: RouteConfig = field(default_factory=RouteConfig)
+    footholds: FootholdConfig = field(default_factory=FootholdConfig)
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     univector: FieldConfig = BESIDE_GUARD
     guard: GuardConfig = field(default_factory=GuardConfig)

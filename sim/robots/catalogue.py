@@ -14,7 +14,7 @@ from typing import Any
 
 from perception.primitives import safe_input
 from perception.primitives.errors import ConfigError, InputError
-from perception.primitives.robot_model import GaitLimits, HeadLimits, RobotModel
+from perception.primitives.robot_model import GaitLimits, HeadLimits, RobotModel, StepLimits
 from perception.primitives.safe_input import UnreadableError
 
 from ..scenes.scene_table import TableReader
@@ -30,7 +30,7 @@ KEYS: dict[str, tuple[str, ...]] = {
     "legs": ("left", "right", "feet", "sole_m", "sole_size_m"),
     "body": ("height_m", "width_m", "depth_m", "radius_m", "passage_m"),
     "gait": ("hip_m", "com_m", "stance_m", "narrowest_m", "lift_m", "single_support_s", "double_support_s"),
-    "steps": ("cruise_mps", "max_mps", "back_mps", "side_mps", "turn_deg"),
+    "steps": ("cruise_mps", "max_mps", "back_mps", "side_mps", "turn_deg", "up_m", "down_m", "reach_m"),
     "camera": ("frame", "axis", "at_m", "eye_m"),
     "gaze": ("pan", "tilt", "pan_deg", "tilt_deg", "speed_radps"),
     "tof": ("width", "height", "across_deg", "down_deg", "at_m"),
@@ -169,6 +169,10 @@ def _model(file: TableReader, tables: dict[str, dict[str, Any]]) -> RobotModel:
         foot_m=(float(sole[0]), float(sole[1])),
         eye_m=length(tables["camera"], "eye_m"),
         hip_m=length(gait, "hip_m"),
+        stance_m=length(gait, "stance_m"),
+        steps=StepLimits(
+            *(file.number(steps, key, 0.0, 0.0, 2.0) for key in ("up_m", "down_m", "reach_m"))
+        ),
         gait=GaitLimits(
             speed("cruise_mps", 0.001),
             speed("max_mps", 0.001),

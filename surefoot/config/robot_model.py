@@ -10,8 +10,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from perception.primitives.robot_model import DARWIN_OP, GaitLimits, HeadLimits, RobotModel
-from sim.body.dynamic.anatomy import DARWIN, Anatomy
+from perception.primitives.robot_model import (
+    DARWIN_OP,
+    DARWIN_STEPS,
+    GaitLimits,
+    HeadLimits,
+    RobotModel,
+)
+from sim.body.dynamic.anatomy import DARWIN, Anatomy, gait_for
 from sim.robot import RobotConfig
 
 
@@ -37,7 +43,9 @@ def model_of(robot: RobotConfig, gait: GaitLimits) -> RobotModel:
         foot_m=body.foot_m[:2],
         eye_m=legs * plain.eye_m,
         hip_m=body.hip_m,
+        stance_m=gait_for(body, robot.gait).stance_width_m,
         gait=gait.scaled(legs),
+        steps=DARWIN_STEPS.scaled(legs),
         head=HeadLimits(robot.head.pan_deg, robot.head.tilt_deg, robot.head.speed_radps),
     )
 

@@ -41,6 +41,7 @@ from perception.primitives.robot_model import GaitLimits, RobotModel
 from perception.primitives.settings import setting
 from planning.avoidance.choice import AvoidanceConfig
 from planning.exploration import ExplorationConfig
+from planning.footholds.search import FootholdConfig
 from planning.gaze.policy import GazeConfig
 from planning.planners.mission import MissionConfig
 from planning.planners.settings import BESIDE_GUARD, PlanningConfig
@@ -126,6 +127,7 @@ class Config:
     search: SearchConfig = field(default_factory=SearchConfig)
     route: RouteConfig = field(default_factory=RouteConfig)
     gait: GaitLimits = field(default_factory=GaitLimits)
+    footholds: FootholdConfig = field(default_factory=FootholdConfig)
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     univector: FieldConfig = BESIDE_GUARD
     guard: GuardConfig = field(default_factory=GuardConfig)

@@ -1,0 +1,298 @@
+"""Compiled loops of the footsteps: the way left on a coarse map of the surfaces, and A* over footsteps.
+
+Surfaces are packed: their sides in one table, see `_chance_kernels`, and one row of `PLANE` columns a surface.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+
+import numpy as np
+
+from perception.primitives.compiled import njit
+
+from ._chance_kernels import chances, inside, margin, spans
+
+PLANE = 7  # of a surface: first and last side, origin x, y, height there, slopes
+NODE = 10  # of a node: x, y, yaw and height of its foot, surface, foot (+1 left), cost, chances missed and unseen, parent
+MOVE = 3  # of a node: the footstep that leads to it
+YAWS, CELLS = 32, 1 << 14  # headings told apart; most places told apart
+SLOTS = 1 << 16
+GOAL, HORIZON, BORDER = 0, 1, 2  # where a plan ends
+COARSE = 64  # ours: cells of the coarse map to each side
+VOID, TIGHT = 4.0, 2.0  # ours: cost of a metre of unknown ground, and beside it
+GREED = 1.7  # ours: weight of the estimate, by which a plan may cost more than the best
+
+
+@njit(cache=True)
+def toll(prices: np.ndarray, blocked: np.ndarray, grid: np.ndarray, x: float, y: float) -> float:
+    """Cost of a metre at a place, 1 outside the map; infinite in a blocked cell.
+
+    Args:
+        grid: x and y of the corner of the map, and the side of a cell, m.
+    """
+    column = math.floor((x - grid[0]) / grid[2])
+    row = math.floor((y - grid[1]) / grid[2])
+    if row < 0 or column < 0 or row >= prices.shape[0] or column >= prices.shape[1]:
+        return 1.0
+    return np.inf if blocked[row, column] else prices[row, column]
+
+
+@njit(cache=True)
+def way_left(
+    sides: np.ndarray,
+    planes: np.ndarray,
+    goal: np.ndarray,
+    corner: np.ndarray,
+    cell: float,
+    limits: np.ndarray,
+    costs: np.ndarray,
+    beside: float,
+) -> np.ndarray:
+    """Cost of the way to the goal from every cell, by Dijkstra, m; ground that is not known counts `VOID` times.
+
+    Ground that ends within the distance of the outer side of a foot counts `TIGHT` times. Between neighbours the ground may rise and fall by no more than one footstep does.
+    """
+    height = np.full((COARSE, COARSE), np.nan)
+    for j in range(len(planes)):
+        first, last = int(planes[j, 0]), int(planes[j, 1])
+        for row in range(COARSE):
+            y = corner[1] + (row + 0.5) * cell
+            if not sides[first:last, 1].min() <= y <= sides[first:last, 1].max():
+                continue
+            for column in range(COARSE):
+                x = corner[0] + (column + 0.5) * cell
+                if inside(sides, first, last, x, y):
+                    z = planes[j, 4] + planes[j, 5] * (x - planes[j, 2])
+                    z += planes[j, 6] * (y - planes[j, 3])
+                    if not z <= height[row, column]:
+                        height[row, column] = z
+    price = np.ones((COARSE, COARSE))
+    apart = math.ceil(beside / cell)
+    for row in range(COARSE):
+        for column in range(COARSE):
+            if np.isnan(height[row, column]):
+                price[row, column] = VOID
+                continue
+            for down, right in ((apart, 0), (-apart, 0), (0, apart), (0, -apart)):
+                r, c = row + down, column + right
+                if r < 0 or c < 0 or r >= COARSE or c >= COARSE or np.isnan(height[r, c]):
+                    price[row, column] = TIGHT
+    left = np.full((COARSE, COARSE), np.inf)
+    column = min(max(int((goal[0] - corner[0]) / cell), 0), COARSE - 1)
+    row = min(max(int((goal[1] - corner[1]) / cell), 0), COARSE - 1)
+    left[row, column] = 0.0
+    heap = [(0.0, row, column)]
+    while len(heap) > 0:
+        length, row, column = heapq.heappop(heap)
+        if length > left[row, column]:
+            continue
+        there = height[row, column]
+        for down in range(-1, 2):
+            for right in range(-1, 2):
+                r, c = row + down, column + right
+                if r < 0 or c < 0 or r >= COARSE or c >= COARSE:
+                    continue
+                here = height[r, c]
+                if there - here > limits[4] or here - there > limits[5]:
+                    continue
+                step = cell * math.sqrt(down * down + right * right)
+                step *= max(price[r, c], price[row, column])
+                if there > here:
+                    step += costs[2] * (there - here)
+                elif there < here:
+                    step += costs[3] * (here - there)
+                if length + step < left[r, c]:
+                    left[r, c] = length + step
+                    heapq.heappush(heap, (length + step, r, c))
+    return left
+
+
+@njit(cache=True)
+def estimate(
+    left: np.ndarray, corner: np.ndarray, cell: float, goal: np.ndarray, x: float, y: float
+) -> float:
+    """Length of the way left from a place: at least the straight distance."""
+    straight = math.hypot(goal[0] - x, goal[1] - y)
+    column, row = int((x - corner[0]) / cell), int((y - corner[1]) / cell)
+    if row < 0 or column < 0 or row >= COARSE or column >= COARSE:
+        return VOID * straight
+    dx = corner[0] + (column + 0.5) * cell - x
+    dy = corner[1] + (row + 0.5) * cell - y
+    best = left[row, column] + math.hypot(dx, dy)
+    for down in range(-1, 2):
+        for right in range(-1, 2):
+            r, c = row + down, column + right
+            if 0 <= r < COARSE and 0 <= c < COARSE:
+                best = min(best, left[r, c] + math.hypot(dx + right * cell, dy + down * cell))
+    return max(straight, best)
+
+
+@njit(cache=True)
+def slot_of(table: np.ndarray, key: int) -> int:
+    """Slot of a key, or the free one where it belongs."""
+    slot = (key * 2654435761) % SLOTS
+    while table[slot] != -1 and table[slot] != key:
+        slot = (slot + 1) % SLOTS
+    return slot
+
+
+@njit(cache=True)
+def search(
+    sides: np.ndarray,
+    planes: np.ndarray,
+    start: np.ndarray,
+    goal: np.ndarray,
+    body: np.ndarray,
+    limits: np.ndarray,
+    costs: np.ndarray,
+    noise: np.ndarray,
+    risk: float,
+    horizon_m: float,
+    most: int,
+    prices: np.ndarray,
+    blocked: np.ndarray,
+    grid: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, int, int]:
+    """A* over footsteps from a standing foot.
+
+    Args:
+        sides, planes: The packed surfaces.
+        start: x, y, yaw, height of the standing foot, surface (-1 unknown), foot (+1 left).
+        goal: x, y, and the distance at which it is reached.
+        body: Half of length and width of a sole, half of the stance.
+        limits: Of a footstep ahead, back, to the side, turn; up, down, ahead to a higher level and to a lower one; slope.
+        costs: Of a footstep, of a turn by 1 rad, of a rise and of a descent by 1 m, of a chance as large as the risk, m.
+        noise: Variances of a foot's place.
+        risk: Most chance of a foothold.
+        horizon_m: Length of the way after which a plan ends.
+        most: Nodes that are expanded.
+        prices, blocked, grid: Cost of the ground, see `toll`.
+
+    Returns:
+        Nodes, their footsteps (ahead, left, turn), the last node of the plan, and where it is: `GOAL`, `HORIZON`, `BORDER`.
+    """
+    room = min(CELLS, 100 * most)
+    nodes = np.empty((room, NODE))
+    moves = np.zeros((room, MOVE))
+    table = np.full(SLOTS, -1, np.int64)
+    owner = np.empty(SLOTS, np.int64)
+    closed = np.zeros(room, np.bool_)
+    half, h = body[:2], body[2]
+    pace = max(limits[0], limits[6])
+    cell = 0.1 * limits[0]
+    keys = np.full(room, -1, np.int64)
+    nodes[0, :6], nodes[0, 6:9], nodes[0, 9] = start, 0.0, -1.0
+    fx, fy = (
+        start[0] + start[5] * h * math.sin(start[2]),
+        start[1] - start[5] * h * math.cos(start[2]),
+    )
+    low = np.array([min(sides[:, 0].min(), fx, goal[0]), min(sides[:, 1].min(), fy, goal[1])])
+    high = np.array([max(sides[:, 0].max(), fx, goal[0]), max(sides[:, 1].max(), fy, goal[1])])
+    fine = 1.001 * max(high[0] - low[0], high[1] - low[1]) / COARSE
+    left = way_left(sides, planes, goal, low, fine, limits, costs, h + half[1])
+    left_m = estimate(left, low, fine, goal, fx, fy)
+    per_m = GREED * (1.0 + costs[0] / limits[0])
+    heap = [(per_m * left_m, 0)]
+    count, expanded, best, nearest = 1, 0, 0, left_m
+    enough = left_m - horizon_m
+    while len(heap) > 0 and expanded < most:
+        _, this = heapq.heappop(heap)
+        if closed[this] or (this > 0 and owner[slot_of(table, keys[this])] != this):
+            continue
+        closed[this] = True
+        x, y, yaw, z = nodes[this, 0], nodes[this, 1], nodes[this, 2], nodes[this, 3]
+        on, side = int(nodes[this, 4]), -nodes[this, 5]  # side of the foot that swings
+        c, s = math.cos(yaw), math.sin(yaw)
+        fx, fy = x - side * h * s, y + side * h * c  # frame between the feet
+        left_m = estimate(left, low, fine, goal, fx, fy)
+        if left_m < nearest - 1e-9:
+            best, nearest = this, left_m
+        if math.hypot(goal[0] - fx, goal[1] - fy) <= goal[2]:
+            return nodes, moves, this, GOAL
+        if left_m <= enough:
+            return nodes, moves, this, HORIZON
+        expanded += 1
+        for turning in range(5):
+            turn = (turning - 2) / 2.0 * limits[3]
+            tc, ts = math.cos(yaw + turn), math.sin(yaw + turn)
+            for aside in range(3):
+                lateral = side * aside / 2.0 * limits[2]
+                # the swing foot at a step of no length, and the direction that steps ahead move it
+                bx, by = fx - lateral * s - side * h * ts, fy + lateral * c + side * h * tc
+                for j in range(len(planes)):
+                    first, last = int(planes[j, 0]), int(planes[j, 1])
+                    begin, end, near, far = spans(sides, first, last, bx, by, c, s)
+                    if begin > end or begin > pace:
+                        continue
+                    centre = 0.5 * (begin + end)
+                    front = end - margin(sides[far], c, s, yaw + turn, half, noise)
+                    behind = begin + margin(sides[near], c, s, yaw + turn, half, noise)
+                    for choice in range(6):
+                        if choice == 0:
+                            ahead = 0.0
+                        elif choice == 1:
+                            ahead = limits[0]
+                        elif choice == 2:
+                            ahead = 0.5 * limits[0]
+                        elif choice == 3:
+                            ahead = centre
+                        elif choice == 4:
+                            ahead = front
+                        else:
+                            ahead = behind
+                        tx, ty = bx + ahead * c, by + ahead * s
+                        height = planes[j, 4] + planes[j, 5] * (tx - planes[j, 2])
+                        height += planes[j, 6] * (ty - planes[j, 3])
+                        rise = height - z
+                        level = j == on or abs(rise) < 0.1 * max(limits[4], limits[5])
+                        if level:
+                            longest = limits[0]
+                        elif choice in (1, 2) or turning not in (1, 2, 3):
+                            continue
+                        else:
+                            longest = limits[6] if rise > 0.0 else limits[7]
+                        if rise > limits[4] or -rise > limits[5]:
+                            continue
+                        if choice >= 3 and level:
+                            if ahead >= longest or (choice > 3 and ahead <= -limits[1]):
+                                continue  # as another choice
+                            ahead = min(max(ahead, -limits[1]), longest)
+                            tx, ty = bx + ahead * c, by + ahead * s
+                        if ahead > longest + 1e-9 or ahead < -limits[1]:
+                            continue
+                        if math.hypot(planes[j, 5], planes[j, 6]) > limits[8]:
+                            continue
+                        gx, gy = tx + side * h * ts, ty - side * h * tc
+                        price = toll(prices, blocked, grid, gx, gy)
+                        if price == np.inf:
+                            continue
+                        missed, unseen = chances(
+                            sides, first, last, tx, ty, yaw + turn, half, noise
+                        )
+                        if missed > risk or unseen > risk:
+                            continue
+                        cost = nodes[this, 6] + price * math.hypot(gx - fx, gy - fy) + costs[0]
+                        cost += costs[1] * abs(turn) + costs[4] * (missed + unseen) / risk
+                        cost += costs[2] * max(rise, 0.0) + costs[3] * max(-rise, 0.0)
+                        heading = (yaw + turn) % (2.0 * math.pi)
+                        key = (math.floor(tx / cell) + 4096) * 8192
+                        key = (key + math.floor(ty / cell) + 4096) * YAWS
+                        key = (key + int(heading / (2.0 * math.pi) * YAWS)) * 2 + int(side > 0)
+                        slot = slot_of(table, key)
+                        if table[slot] == key and nodes[owner[slot], 6] <= cost:
+                            continue
+                        if count >= room:
+                            break
+                        table[slot] = key
+                        owner[slot], keys[count] = count, key
+                        nodes[count, 0], nodes[count, 1], nodes[count, 2] = tx, ty, yaw + turn
+                        nodes[count, 3], nodes[count, 4], nodes[count, 5] = height, j, side
+                        nodes[count, 6], nodes[count, 7], nodes[count, 8] = cost, missed, unseen
+                        nodes[count, 9] = this
+                        moves[count, 0], moves[count, 1], moves[count, 2] = ahead, lateral, turn
+                        ahead_m = estimate(left, low, fine, goal, gx, gy)
+                        heapq.heappush(heap, (cost + per_m * ahead_m, count))
+                        count += 1
+    return nodes, moves, best, BORDER

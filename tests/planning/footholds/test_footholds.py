@@ -1,0 +1,179 @@
+"""Footholds and footsteps over surfaces of known geometry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mapping.ground.surface import Border, Surface
+from perception.primitives.errors import ConfigError
+from perception.primitives.pose import Pose2
+from perception.primitives.robot_model import RobotModel, StepLimits
+from planning.footholds.foothold import FootNoise, chances
+from planning.footholds.search import FootholdConfig, PlanEnd, Stance, plan
+
+ROBOT = RobotModel(
+    foot_m=(0.205, 0.066), hip_m=0.63, stance_m=0.20, steps=StepLimits(0.14, 0.10, 0.30)
+)
+STANCE = Stance(-1, Pose2(0.0, -0.1))
+FIRM = FootNoise(1e-6, 1e-6, 1e-6)
+
+
+def rectangle(x0, x1, z=0.0, borders=(1, 1, 1, 1), sigma_m=0.005, half=0.5) -> Surface:
+    """Sides in order: right, front, left, back."""
+    outline = np.array([[x0, -half], [x1, -half], [x1, half], [x0, half]])
+    return Surface(
+        np.array([(x0 + x1) / 2, 0.0]),
+        np.array([z, 0.0, 0.0]),
+        1e-6 * np.eye(3),
+        outline,
+        np.array(borders),
+        np.full(4, sigma_m),
+    )
+
+
+def flight(riser_m: float, tread_m: float, steps: int, away_m: float = 0.4) -> list[Surface]:
+    """Ground, then steps, the last one a platform."""
+    beyond, behind = (Border.RISE, Border.DROP) if riser_m > 0.0 else (Border.DROP, Border.RISE)
+    found = [rectangle(-0.5, away_m, 0.0, (0, beyond, 0, 0))]
+    for k in range(1, steps + 1):
+        start = away_m + (k - 1) * tread_m
+        last = k == steps
+        end = start + (1.5 if last else tread_m)
+        found.append(rectangle(start, end, k * riser_m, (1, 0 if last else beyond, 1, behind)))
+    return found
+
+
+def test_the_chance_of_an_edge_is_that_of_drawn_edges_and_feet():
+    rng = np.random.default_rng(3)
+    noise, sigma = FootNoise(0.004, 0.003, 0.03), 0.006
+    surface = rectangle(0.0, 0.24, sigma_m=sigma, half=0.12)
+    draws = 40_000
+    shift = sigma * rng.standard_normal((draws, 4))  # of right, front, left, back, outwards
+    error = noise.variances**0.5 * rng.standard_normal((draws, 3))
+    corners = np.array([[0.1025, 0.033], [0.1025, -0.033], [-0.1025, 0.033], [-0.1025, -0.033]])
+    for x, y, yaw in (
+        (0.12, 0.0, 0.0),
+        (0.128, 0.0, 0.05),
+        (0.13, 0.08, 0.0),
+        (0.115, -0.075, -0.1),
+    ):
+        c, s = np.cos(yaw + error[:, 2]), np.sin(yaw + error[:, 2])
+        px = x + np.cos(yaw) * error[:, 0] - np.sin(yaw) * error[:, 1]
+        py = y + np.sin(yaw) * error[:, 0] + np.cos(yaw) * error[:, 1]
+        xs = px[:, None] + c[:, None] * corners[:, 0] - s[:, None] * corners[:, 1]
+        ys = py[:, None] + s[:, None] * corners[:, 0] + c[:, None] * corners[:, 1]
+        off = (ys.min(1) < -0.12 - shift[:, 0]) | (xs.max(1) > 0.24 + shift[:, 1])
+        off |= (ys.max(1) > 0.12 + shift[:, 2]) | (xs.min(1) < -shift[:, 3])
+        missed, unseen = chances(surface, Pose2(x, y, yaw), ROBOT, noise)
+        assert unseen == 0.0
+        assert missed == pytest.approx(off.mean(), abs=0.02 + 0.1 * off.mean())
+
+
+def test_unseen_sides_count_by_themselves_and_sides_of_other_parts_not_at_all():
+    seen = rectangle(0.0, 0.6, borders=(0, 0, 0, 0))
+    assert chances(seen, Pose2(0.3, 0.0), ROBOT, FIRM) == pytest.approx((0.0, 0.0), abs=1e-9)
+    missed, unseen = chances(seen, Pose2(0.5, 0.0), ROBOT, FIRM)
+    assert missed == 0.0
+    assert unseen > 0.6
+    assert chances(seen, Pose2(0.9, 0.0), ROBOT, FIRM) == (1.0, 1.0)
+    corner = np.array([[0, -1.0], [1.0, -1.0], [1.0, -0.5], [0.3, -0.5], [0.3, 0.5], [0, 0.5]])
+    bent = Surface(
+        np.zeros(2), np.zeros(3), 1e-6 * np.eye(3), corner, np.ones(6, int), np.full(6, 0.005)
+    )
+    assert chances(bent, Pose2(0.15, 0.2), ROBOT, FIRM)[0] < 1e-6
+    assert chances(bent, Pose2(0.80, -0.75), ROBOT, FIRM)[0] < 1e-6
+    assert chances(bent, Pose2(0.25, -0.40), ROBOT, FIRM)[0] > 0.5  # across the inner corner
+
+
+def walked(ground, goal, stance=STANCE, config=None, steps=60):
+    """The footholds and commands of a robot that plans anew at every step, and where the last plan ended."""
+    done = []
+    for _ in range(steps):
+        found = plan(ground, stance, np.array(goal), 0.1, ROBOT, config)
+        if not found.footholds:
+            break
+        first = found.footholds[0]
+        done.append((first, found.commands[0]))
+        stance = Stance(first.foot, first.pose, first.height_m)
+        if found.end is not PlanEnd.HORIZON and len(found.footholds) == 1:
+            break
+    return done, found.end
+
+
+@pytest.mark.parametrize(("riser_m", "tread_m"), [(0.12, 0.28), (0.10, 0.34), (-0.09, 0.28)])
+def test_stairs_are_walked_within_the_limits_of_the_robot(riser_m, tread_m):
+    ground = flight(riser_m, tread_m, 4)
+    done, end = walked(ground, (2.0, 0.0))
+    assert end is PlanEnd.GOAL
+    before, foot, pose = 0.0, STANCE.foot, STANCE.pose
+    for step, command in done:
+        assert step.foot == -foot
+        assert step.missed <= 0.01
+        assert step.unseen <= 0.01
+        assert chances(ground[step.surface], step.pose, ROBOT)[0] == pytest.approx(step.missed)
+        assert command.rise_m == pytest.approx(step.height_m - before)
+        assert -ROBOT.steps.down_m <= command.rise_m <= ROBOT.steps.up_m
+        assert (
+            command.forward_m
+            <= (ROBOT.steps.reach_m if abs(command.rise_m) > 0.01 else 0.065) + 1e-9
+        )
+        frame = pose @ Pose2(0.0, -foot * ROBOT.stance_m / 2)
+        moved = frame @ Pose2(command.forward_m, command.lateral_m, command.turn_rad)
+        lands = moved @ Pose2(0.0, step.foot * ROBOT.stance_m / 2)
+        assert lands.vector == pytest.approx(step.pose.vector, abs=1e-9)
+        before, foot, pose = step.height_m, step.foot, step.pose
+    assert before == pytest.approx(4 * riser_m)
+
+
+@pytest.mark.parametrize(("riser_m", "tread_m"), [(0.16, 0.28), (-0.12, 0.28), (0.10, 0.215)])
+def test_what_is_too_high_or_too_narrow_is_not_stepped_on(riser_m, tread_m):
+    done, end = walked(flight(riser_m, tread_m, 3), (2.0, 0.0), steps=12)
+    assert end is PlanEnd.BORDER
+    assert all(step.surface == 0 for step, _ in done)
+
+
+def test_a_plan_ends_at_the_border_of_what_was_seen():
+    done, end = walked([rectangle(-0.5, 1.0, borders=(0, 0, 0, 0))], (4.0, 0.0))
+    last, _ = done[-1]
+    assert end is PlanEnd.BORDER
+    assert last.unseen <= 0.01
+    assert 0.75 < last.pose.x < 0.90  # as near to the border as the sole may go
+    assert plan([], STANCE, np.array([2.0, 0.0]), 0.1, ROBOT).footholds == ()
+
+
+def test_a_hole_is_walked_round():
+    corners = [
+        (-0.5, -0.8),
+        (2, -0.8),
+        (2, 0.8),
+        (0.9, 0.8),
+        (0.9, -0.2),
+        (0.3, -0.2),
+        (0.3, 0.8),
+        (-0.5, 0.8),
+    ]
+    borders = np.array([0, 0, 0, 1, 1, 1, 0, 0])
+    hole = Surface(
+        np.zeros(2),
+        np.zeros(3),
+        1e-6 * np.eye(3),
+        np.array(corners, float),
+        borders,
+        np.full(8, 0.01),
+    )
+    done, end = walked([hole], (1.4, 0.0))
+    assert end is PlanEnd.GOAL
+    assert min(step.pose.y for step, _ in done) < -0.3
+    assert all(step.missed <= 0.01 for step, _ in done)
+
+
+def test_more_risk_allows_narrower_treads():
+    narrow = flight(0.10, 0.23, 3)
+    assert walked(narrow, (1.6, 0.0), steps=12)[1] is PlanEnd.BORDER
+    assert walked(narrow, (1.6, 0.0), config=FootholdConfig(0.2))[1] is PlanEnd.GOAL
+
+
+def test_a_bound_that_is_no_chance_is_refused():
+    with pytest.raises(ConfigError, match="risk"):
+        FootholdConfig(0.0)
