@@ -27,11 +27,12 @@ def robot_solid(body: Body, measures: Anatomy) -> tuple[Box, ...]:
     """True trunk, and feet up to the ankle, world frame."""
     x, y, _ = body.true_trunk().position
     trunk = body.true_pose @ Pose2(float(x), float(y))
-    boxes = [_upright(trunk, measures.trunk_m, measures.trunk_bottom_m)]
+    bottom_m = body.true_height_m + measures.trunk_bottom_m
+    boxes = [_upright(trunk, measures.trunk_m, bottom_m)]
     foot_m = (measures.foot_m[0], measures.foot_m[1], measures.ankle_m)
     for side, (foot, lift) in zip((1, -1), body.feet_body, strict=True):
         sole = body.true_pose @ foot @ Pose2(0.0, side * measures.foot_outward_m)
-        boxes.append(_upright(sole, foot_m, lift))
+        boxes.append(_upright(sole, foot_m, body.true_height_m + lift))
     return tuple(boxes)
 
 

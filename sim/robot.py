@@ -23,7 +23,7 @@ from perception.primitives.pose import Pose2, Pose3
 from perception.primitives.settings import setting
 from planning.commands import GazeCommand, WalkCommand
 
-from .body.body import Advance, Body
+from .body.body import Advance, Body, true_frame
 from .body.described import gait_of, head_of, measures_of
 from .body.dynamic.anatomy import DARWIN, Anatomy, gait_for, head_for
 from .body.dynamic.config import DynamicConfig
@@ -34,6 +34,7 @@ from .body.inertial import ImuConfig, InertialSensor
 from .body.jointed import JointedHead, JointedLegs, solids_of
 from .body.kinematic import KinematicBody, SlipConfig, SwayConfig
 from .free_space import ROBOT_TOP_M
+from .ground import Ground
 from .ranges import check_ranges
 from .rendering.motion import STATIONARY, Motion, motion_between
 from .robots import catalogue
@@ -230,6 +231,8 @@ class SimulatedRobot:
         self._head: Head | JointedHead
         self._legs: JointedLegs | None = None
         found = config.described
+        pieces, foot = world.scene.ground, config.measures.foot_m
+        self.ground = Ground(pieces, (foot[0], foot[1])) if pieces else None
         if found is not None:
             self._head = JointedHead(jointed(found), config.head, head)
         else:
@@ -242,8 +245,9 @@ class SimulatedRobot:
         else:
             inertial = InertialSensor(config.imu, imu)
             self.body = KinematicBody(
-                world.scene.start, config.gait, config.slip, config.sway, inertial, self._head, body
-            )
+                world.scene.start, config.gait, config.slip, config.sway, inertial, self._head, body,
+                self.ground,
+            )  # fmt: skip
         if isinstance(self._head, JointedHead):
             self._legs = JointedLegs(self._head, self.body)
             own = self._own_body(self._head.robot)
@@ -295,7 +299,7 @@ class SimulatedRobot:
             tof=self._range_view(),
             stereo=self._stereo_view() if looks else None,
             colour=self._colour_view() if looks else None,
-            odometry=StepOdometry(advance.motion, advance.steps),
+            odometry=StepOdometry(advance.motion, advance.steps, advance.rise_m),
             imu=imu,
             footstep_due=ends,
             joints=None if self._legs is None else self._legs.reading(),
@@ -316,6 +320,10 @@ class SimulatedRobot:
         """Left and right foot in the body frame by the joint encoders, each with whether it is lifted."""
         return self.body.feet_from_encoders()
 
+    def foot_heights(self) -> tuple[float, float]:
+        """Heights of left and right sole in the body frame by the joint encoders, m."""
+        return self.body.foot_heights()
+
     def cameras(self) -> dict[str, tuple[float, float, float]]:
         """Enabled cameras and their positions in the head."""
         config = self.config
@@ -328,7 +336,7 @@ class SimulatedRobot:
 
     def camera_in_world(self, mount: tuple[float, float, float]) -> Pose3:
         """True pose of a camera, from which it is rendered; not for estimators."""
-        trunk = self.body.true_pose.lifted() @ self.body.true_trunk()
+        trunk = true_frame(self.body) @ self.body.true_trunk()
         return trunk @ self._head.true_camera(mount)
 
     def measured_camera(self, mount: tuple[float, float, float]) -> Pose3:
@@ -367,11 +375,11 @@ class SimulatedRobot:
         if rest is None:
             return last
         motion, steps = rest.motion @ last.motion, rest.steps + last.steps
-        return Advance(motion, steps, rest.seconds + last.seconds)
+        return Advance(motion, steps, rest.seconds + last.seconds, rest.rise_m + last.rise_m)
 
     def _steady_camera(self, mount: tuple[float, float, float]) -> Pose3:
         """Camera without the kinematic body's sway, which is drawn anew in every frame."""
-        trunk = self.body.true_pose.lifted() @ self.body.steady_trunk()
+        trunk = true_frame(self.body) @ self.body.steady_trunk()
         return trunk @ self._head.true_camera(mount)
 
     def _advance(self, ticks: int) -> Advance:

@@ -32,12 +32,14 @@ class StaticObject:
         parts: Its shapes.
         albedo: Infrared reflectance, for the time-of-flight camera.
         wall: Whether it belongs to the building; walls are not listed as obstacles.
+        ground: Whether it may be stood on, on its level top; not listed as an obstacle either.
     """
 
     name: str
     parts: tuple[Shape, ...]
     albedo: float = 0.6
     wall: bool = False
+    ground: bool = False
 
 
 TO_AND_FRO = "to_and_fro"
@@ -204,5 +206,10 @@ class Scene:
 
     @property
     def obstacles(self) -> tuple[StaticObject, ...]:
-        """Static objects that are neither building nor tag."""
-        return tuple(item for item in self.static_objects if not item.wall)
+        """Static objects that are neither building nor tag nor ground."""
+        return tuple(item for item in self.static_objects if not (item.wall or item.ground))
+
+    @property
+    def ground(self) -> tuple[Shape, ...]:
+        """What may be stood on above the floor; empty on flat ground."""
+        return tuple(part for item in self.static_objects if item.ground for part in item.parts)

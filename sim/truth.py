@@ -133,7 +133,13 @@ class Truth:
         Zero or less means contact. The solid has the dimensions of `robot.dynamic.anatomy` for both bodies.
         """
         solid = robot_solid(self._robot.body, self._measures)
-        found = nearest(solid, self._scene.static_shapes + self._moving_shapes())
+        still = [
+            (item.name, part)
+            for item in self._scene.static_objects
+            if not item.ground
+            for part in item.parts
+        ]
+        found = nearest(solid, still + self._moving_shapes())
         return found.gap_m, found.name
 
     def occupied(self, points: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:

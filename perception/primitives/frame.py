@@ -92,10 +92,12 @@ class StepOdometry:
     Args:
         motion: Body frame now in the previous body frame, by joint angles and stance foot.
         steps: Footsteps made (0.5: half a step); slip grows with them.
+        rise_m: Height of the body frame, midway between the feet, above the previous one.
     """
 
     motion: Pose2
     steps: float
+    rise_m: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 from perception.primitives.frame import Imu
@@ -21,11 +21,13 @@ class Advance:
         motion: Body pose now in the previous body frame.
         steps: Share of a footstep made.
         seconds: Time passed.
+        rise_m: Height of the body frame now above the previous one.
     """
 
     motion: Pose2
     steps: float
     seconds: float
+    rise_m: float = 0.0
 
 
 @runtime_checkable
@@ -53,8 +55,12 @@ class Body(Protocol):
         """True body frame in the world: midway between the feet, heading of the pelvis."""
 
     @property
+    def true_height_m(self) -> float:
+        """Height of the true body frame above the floor, midway between the feet; 0 on flat ground."""
+
+    @property
     def feet_body(self) -> tuple[tuple[Pose2, float], tuple[Pose2, float]]:
-        """Left and right foot in the true body frame, each with its height above the floor, m."""
+        """Left and right foot in the true body frame, each with its height above that frame, m."""
 
     def walk(self, command: WalkCommand) -> None:
         """Set the command of the next step; the last one given counts, without one the robot stands."""
@@ -74,6 +80,9 @@ class Body(Protocol):
     def feet_from_encoders(self) -> tuple[tuple[Pose2, bool], tuple[Pose2, bool]]:
         """Left and right foot in the body frame as the joint encoders give them, each with whether it is lifted."""
 
+    def foot_heights(self) -> tuple[float, float]:
+        """Heights of left and right sole in the body frame by the joint encoders, m."""
+
     def true_trunk(self) -> Pose3:
         """True pelvis in the true body frame, lowered by its height while walking."""
 
@@ -82,3 +91,10 @@ class Body(Protocol):
 
     def close(self) -> None:
         """Release the physics engine, if there is one; a second call does nothing."""
+
+
+def true_frame(body: Body) -> Pose3:
+    """The true body frame in the world, with its height."""
+    pose = body.true_pose.lifted()
+    x, y, _ = pose.translation
+    return replace(pose, translation=(x, y, body.true_height_m))

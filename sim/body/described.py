@@ -20,6 +20,7 @@ def gait_of(robot: Description, gait: GaitConfig) -> GaitConfig:
         lift_m=walk.lift_m,
         com_height_m=walk.com_m,
         backward_limit_m=limits.max_back_mps * limits.step_s,
+        reach_m=max(robot.model.steps.reach_m, limits.max_speed_mps * limits.step_s),
         forward_limit_m=limits.max_speed_mps * limits.step_s,
         lateral_limit_m=limits.max_side_mps * limits.step_s,
         turn_limit_deg=limits.max_turn_deg,

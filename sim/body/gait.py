@@ -5,7 +5,8 @@ point xi = c + c'/w, obeys xi' = w (xi - p) and is computed backwards from the e
 The centre of mass follows it: c' = w (xi - c). Between knots the ZMP is linear in time, so both have closed forms.
 
 A step starts with its double support: the command moves the walking frame, the weight shifts onto the stance foot
-(T_DS), then the swing foot moves to its side of the frame (T_SS). The trajectories are exact; slip, backlash and sway
+(T_DS), then the swing foot moves to its side of the frame (T_SS). To another level it rises first, above the higher of both
+levels, then moves ahead, then comes down. The trajectories are exact; slip, backlash and sway
 belong to the bodies.
 
 Source: Han et al. 2018 (seed 000), section 2.1 (footstep command); Kajita et al. 2001 (pendulum); Pratt et al. 2006
@@ -27,6 +28,9 @@ from planning.commands import WalkCommand
 from ..ranges import check_ranges
 
 GRAVITY_MPS2 = 9.81
+EDGE = (
+    0.25  # ours: share of the swing before and after the motion ahead, on the way to another level
+)
 PREVIEW_STEPS = 4  # ours: the fourth step ahead moves the centre of mass by less than 0.1 mm
 
 
@@ -45,6 +49,7 @@ class GaitConfig:
     zmp_inward_m: float = 0.004  # ours: 10 mm was worse in dynamic walking
     backward_limit_m: float = 0.03  # ours: heels
     forward_limit_m: float = 0.08  # ours: longest stable step in dynamic walking trials
+    reach_m: float = 0.13  # ours: longest step to another level; thighs and shanks of 93 mm
     lateral_limit_m: float = 0.04  # ours
     rescue_back_m: float = 0.10  # ours: limits of a recovery step after a push
     rescue_forward_m: float = 0.10  # ours
@@ -74,6 +79,7 @@ class GaitConfig:
             com_height_m=(0.02, 3.0),
             backward_limit_m=(0.0, 1.0),
             forward_limit_m=(0.0, 1.0),
+            reach_m=(0.0, 1.0),
             lateral_limit_m=(0.0, 1.0),
             rescue_back_m=(0.0, 1.0),
             rescue_forward_m=(0.0, 1.0),
@@ -94,21 +100,27 @@ class GaitConfig:
 
 @dataclass(frozen=True)
 class Feet:
-    """Both feet on the floor, and the side that swings next (+1 left, -1 right)."""
+    """Both feet on the floor, the side that swings next (+1 left, -1 right), and the heights of their ground, m."""
 
     left: Pose2
     right: Pose2
     swing: int = 1
+    left_m: float = 0.0
+    right_m: float = 0.0
 
     def of(self, side: int) -> Pose2:
         """The left foot for +1, the right foot for -1."""
         return self.left if side > 0 else self.right
 
-    def placed(self, pose: Pose2) -> Feet:
-        """The feet after the swing foot landed at a pose."""
+    def height_of(self, side: int) -> float:
+        """Height of the ground below the left foot for +1, the right foot for -1."""
+        return self.left_m if side > 0 else self.right_m
+
+    def placed(self, pose: Pose2, height_m: float = 0.0) -> Feet:
+        """The feet after the swing foot landed at a pose and height."""
         if self.swing > 0:
-            return Feet(pose, self.right, -1)
-        return Feet(self.left, pose, 1)
+            return Feet(pose, self.right, -1, height_m, self.right_m)
+        return Feet(self.left, pose, 1, self.left_m, height_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,12 +131,15 @@ class Step:
         stepping: Whether a foot swings; False for standing.
         double_support_ticks: Ticks of double support.
         left, right: Feet, (x, y, yaw), frame of the gait's own dead reckoning, m and rad.
-        lift: Height of the swing foot, m.
+        lift: Height of the swing foot above `left_m` or `right_m`, m.
         swing: Swing foot, +1 left, -1 right, 0 none.
         com: Centre of mass projected on the floor, m.
         com_velocity: Its velocity, m/s.
         body: Body frame midway between the feet, (x, y, yaw).
         progress: Completed share of the step's motion, 0 to 1.
+        left_m, right_m: Heights of the feet without the lift: from one ground to the next with the progress, m.
+        body_m: Height of the body frame, midway between these.
+        lowered_m: By how much the pelvis is lower than on flat ground, so that the lower leg is no longer.
     """
 
     stepping: bool
@@ -137,6 +152,10 @@ class Step:
     com_velocity: Float[np.ndarray, "n 2"]
     body: Float[np.ndarray, "n 3"]
     progress: Float[np.ndarray, "n"]
+    left_m: Float[np.ndarray, "n"]
+    right_m: Float[np.ndarray, "n"]
+    body_m: Float[np.ndarray, "n"]
+    lowered_m: Float[np.ndarray, "n"]
 
     @property
     def ticks(self) -> int:
@@ -213,7 +232,15 @@ class Gait:
         self._capture = np.zeros(2)
         self._omega = math.sqrt(GRAVITY_MPS2 / config.com_height_m)
 
-    def step(self, command: WalkCommand, extension_m: float = 0.0) -> Step:
+    def landing(self, command: WalkCommand) -> tuple[Pose2, Pose2]:
+        """The body frame and the swing foot after a command, frame of the gait's own dead reckoning."""
+        target = self._next(self._frame, self._feet, command)[1]
+        x, y, yaw = _middle(self._feet.of(-self._feet.swing).vector[None], target.vector[None])[0]
+        return Pose2(float(x), float(y), float(yaw)), target
+
+    def step(
+        self, command: WalkCommand, extension_m: float = 0.0, height_m: float | None = None
+    ) -> Step:
         """Execute a command from the start of a double support to the end of the step.
 
         A zero command with the feet side by side means standing: no foot swings. Commands beyond the limits are
@@ -222,6 +249,7 @@ class Gait:
         Args:
             command: Footstep command.
             extension_m: Forward extension of the step after a push.
+            height_m: Of the ground where the foot lands, dead reckoning; None: as commanded.
         """
         config = self.config
         double, single = (
@@ -236,10 +264,25 @@ class Gait:
         capture = self._capture_points(phases, double, single)
         com, velocity = self._follow(capture)
         swing = self._feet.swing if stepping else 0
-        left, right, lift, progress = self._swing(self._feet, target, stepping, double, single)
+        before = self._feet
+        wanted = before.height_of(-before.swing) + command.rise_m
+        lands = wanted if height_m is None else height_m
+        level = before.left_m == before.right_m == wanted == lands
+        left, right, lift, progress = self._swing(before, target, stepping, double, single, level)
         self._frame = frame
         if stepping:
-            self._feet = self._feet.placed(target)
+            self._feet = before.placed(target, lands)
+        heights = _heights(before, self._feet, progress)
+        if stepping and not level:
+            lift = _over(
+                before.height_of(before.swing),
+                max(wanted, lands),
+                lands,
+                single,
+                double,
+                config.lift_m,
+            )
+            lift -= heights[0 if swing > 0 else 1]
         self._zmp = phases[1].end
         return Step(
             stepping,
@@ -252,6 +295,7 @@ class Gait:
             velocity,
             _middle(left, right),
             progress,
+            *heights,
         )
 
     def land(self, step: Step, tick: int) -> None:
@@ -264,7 +308,8 @@ class Gait:
     ) -> tuple[Pose2, Pose2, bool]:
         """Walking frame after a command, target of the swing foot, and whether that foot has to move."""
         config = self.config
-        forward = min(max(command.forward_m, -config.backward_limit_m), config.forward_limit_m)
+        longest = config.reach_m if command.rise_m else config.forward_limit_m
+        forward = min(max(command.forward_m, -config.backward_limit_m), longest)
         if extension_m:
             forward = min(
                 max(forward + extension_m, -config.rescue_back_m), config.rescue_forward_m
@@ -353,11 +398,12 @@ class Gait:
         return com, omega * (capture[1:] - com)
 
     def _swing(
-        self, feet: Feet, target: Pose2, stepping: bool, double: int, single: int
+        self, feet: Feet, target: Pose2, stepping: bool, double: int, single: int, level: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Left foot, right foot, height of the swing foot and completed share at the end of every tick."""
         share = np.maximum(np.arange(1, double + single + 1) - double, 0) / single
-        progress = smooth(share) if stepping else np.zeros(double + single)
+        ahead = share if level else (share - EDGE) / (1.0 - 2.0 * EDGE)
+        progress = smooth(ahead) if stepping else np.zeros(double + single)
         rise = smooth(share / 0.45) - smooth((share - 0.55) / 0.45)  # 45 % up, 10 % hold, 45 % down
         start = feet.of(feet.swing)
         change = np.array(
@@ -376,3 +422,23 @@ def _middle(
     between = right - left
     between[:, 2] = (between[:, 2] + math.pi) % (2 * math.pi) - math.pi
     return np.asarray(left + between / 2)
+
+
+def _heights(
+    before: Feet, after: Feet, progress: Float[np.ndarray, "n"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Heights of left and right foot and of the body, and by how much the pelvis is lowered."""
+    left = before.left_m + progress * (after.left_m - before.left_m)
+    right = before.right_m + progress * (after.right_m - before.right_m)
+    first, last = abs(before.left_m - before.right_m), abs(after.left_m - after.right_m)
+    return left, right, (left + right) / 2, (first + progress * (last - first)) / 2
+
+
+def _over(
+    start_m: float, edge_m: float, end_m: float, single: int, double: int, lift_m: float
+) -> Float[np.ndarray, "n"]:
+    """Height of a foot that goes from one level to another, clear of the higher one."""
+    share = np.maximum(np.arange(1, double + single + 1) - double, 0) / single
+    top_m = max(start_m, edge_m) + lift_m
+    up, down = smooth(share / 0.45), smooth((share - 0.55) / 0.45)
+    return np.asarray(start_m + (top_m - start_m) * up - (top_m - end_m) * down)

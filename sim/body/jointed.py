@@ -19,7 +19,7 @@ from planning.commands import GazeCommand
 
 from ..robots.jointed import JointedRobot
 from ..shapes import Solid
-from .body import Body
+from .body import Body, true_frame
 from .head import HeadConfig
 
 MATERIAL = "plaster/slate"  # ours: of every link
@@ -119,7 +119,7 @@ class JointedLegs:
         robot, trunk = self._head.robot, self._body.true_trunk()
         angles = self._with_gaze(self._true, self._head.true_angles)
         self._true = robot.standing(angles, trunk, self._body.feet_body)
-        base = self._body.true_pose.lifted() @ trunk @ robot.T_trunk_base
+        base = true_frame(self._body) @ trunk @ robot.T_trunk_base
         return [base @ Pose3.from_matrix(T) for T in link_poses(robot.tree, self._true)]
 
     def _with_gaze(

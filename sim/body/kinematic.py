@@ -20,6 +20,7 @@ from perception.primitives.pose import Pose2, Pose3, times
 from perception.primitives.settings import setting
 from planning.commands import WalkCommand
 
+from ..ground import Ground
 from ..ranges import check_ranges
 from .body import Advance
 from .gait import Gait, GaitConfig, Step
@@ -100,8 +101,11 @@ class KinematicBody:
         inertial: InertialSensor,
         head: MovingHead,
         rng: np.random.Generator,
+        ground: Ground | None = None,
     ) -> None:
         self._gait = Gait(gait)
+        self._ground = ground
+        self._floor_m = 0.0 if ground is None else ground.under(start)
         self._inertial, self._head = inertial, head
         self._slip_config, self._sway_config = slip, sway
         self._rng = rng
@@ -114,6 +118,7 @@ class KinematicBody:
             np.zeros(2),
             np.zeros(2),
         )  # pose and mass centre where the step began
+        self._rest_m: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
         self.true_pose = start
         self.sway = Sway()
         self._begin_step()
@@ -138,6 +143,7 @@ class KinematicBody:
     def advance(self, ticks: int) -> Advance:
         """Simulate some ticks, turn the head and draw a new sway."""
         before, steps, asked = self.odometry_pose, 0.0, ticks
+        low_m = self._body_m
         while ticks > 0:
             self.start_due_step()
             part = min(ticks, self._step.ticks - self._tick)
@@ -149,7 +155,7 @@ class KinematicBody:
         seconds = asked * self._gait.config.tick_s
         self._head.advance(seconds)
         self._since_s += seconds
-        return Advance(motion, steps, seconds)
+        return Advance(motion, steps, seconds, self._body_m - low_m)
 
     def measure_imu(self) -> Imu:
         before, self._before = self._before, self._trunk_state()
@@ -174,7 +180,7 @@ class KinematicBody:
     def trunk_from_encoders(self) -> Pose3:
         """Pelvis, projected on the floor, in the body frame as the encoders give it."""
         pelvis = self.pelvis_pose
-        return Pose3((pelvis.x, pelvis.y, 0.0))
+        return Pose3((pelvis.x, pelvis.y, 0.0 - self._lowered_m))
 
     @property
     def velocity_body(self) -> Float[np.ndarray, "2"]:
@@ -189,22 +195,52 @@ class KinematicBody:
         lift = float(self._step.lift[index]) if self._tick > 0 else 0.0
         left = inverse @ _pose(self._step.left[index])
         right = inverse @ _pose(self._step.right[index])
+        left_m, right_m = self._feet_m
         return (
-            (left, lift if self._step.swing > 0 else 0.0),
-            (right, lift if self._step.swing < 0 else 0.0),
+            (left, left_m + (lift if self._step.swing > 0 else 0.0)),
+            (right, right_m + (lift if self._step.swing < 0 else 0.0)),
         )
 
     def feet_from_encoders(self) -> tuple[tuple[Pose2, bool], tuple[Pose2, bool]]:
         """The feet by the joints, which this body moves exactly."""
-        (left, left_m), (right, right_m) = self.feet_body
-        return (left, left_m > 0.0), (right, right_m > 0.0)
+        (left, _), (right, _) = self.feet_body
+        lifted = self._tick > 0 and float(self._step.lift[self._tick - 1]) > 0.0
+        swing = self._step.swing if lifted else 0
+        return (left, swing > 0), (right, swing < 0)
+
+    def foot_heights(self) -> tuple[float, float]:
+        """Heights of left and right sole in the body frame by the joints, m."""
+        (_, left_m), (_, right_m) = self.feet_body
+        return left_m, right_m
+
+    @property
+    def true_height_m(self) -> float:
+        """Height of the true body frame above the floor."""
+        return self._floor_m + self._body_m
+
+    @property
+    def true_swing(self) -> tuple[int, Float[np.ndarray, "n 4"]]:
+        """The foot that swings in this step, 1 left, -1 right, 0 none, and its true x, y, yaw and height, tick by tick."""
+        step = self._step
+        path = step.left if step.swing > 0 else step.right
+        ground_m = step.left_m if step.swing > 0 else step.right_m
+        before, origin = self._rest[0].inverse(), self._rest_true
+        poses = []
+        for k, row in enumerate(path):
+            slip = Pose2(*(float(v) for v in self._slip * float(step.progress[k])))
+            body = origin @ (before @ _pose(step.body[k])) @ slip
+            foot = body @ (_pose(step.body[k]).inverse() @ _pose(row))
+            poses.append(foot.vector)
+        height = self._floor_m + ground_m + step.lift
+        return step.swing, np.column_stack([np.array(poses), height])
 
     def true_trunk(self) -> Pose3:
         """True pelvis with its sway, projected on the floor, in the true body frame."""
         t = self.sway
         pelvis = self.pelvis_pose
         rotation = _rotation(t.roll_rad, t.pitch_rad, t.yaw_rad)
-        return Pose3.from_rotation(rotation, np.array([pelvis.x, pelvis.y, t.height_m]))
+        height_m = t.height_m - self._lowered_m
+        return Pose3.from_rotation(rotation, np.array([pelvis.x, pelvis.y, height_m]))
 
     def steady_trunk(self) -> Pose3:
         """The pelvis without sway."""
@@ -221,9 +257,11 @@ class KinematicBody:
         if self._ticks > 0:
             last = self._step
             self._rest = (_pose(last.body[-1]), last.com[-1], last.com_velocity[-1])
-        self._step: Step = self._gait.step(self._command or WalkCommand())
+            self._rest_m = (last.body_m[-1], last.lowered_m[-1], last.left_m[-1], last.right_m[-1])
+        command = self._command or WalkCommand()
         self._command = None
         self._tick = 0
+        self._rest_true = self.true_pose
         config = self._slip_config
         forward, lateral, turn = self._rng.standard_normal(3)
         self._slip = np.array(
@@ -233,6 +271,35 @@ class KinematicBody:
                 self._turn_bias + math.radians(config.turn_sigma_deg) * turn,
             ]
         )
+        self._step: Step = self._gait.step(command, height_m=self._landing_m(command))
+
+    def _landing_m(self, command: WalkCommand) -> float | None:
+        """Height of the ground where the swing foot will land, above that of the start; None on flat ground."""
+        if self._ground is None:
+            return None
+        body, foot = self._gait.landing(command)
+        slip = Pose2(*(float(v) for v in self._slip))
+        lands = self.true_pose @ (self._rest[0].inverse() @ body) @ slip @ (body.inverse() @ foot)
+        return self._ground.under(lands) - self._floor_m
+
+    @property
+    def _body_m(self) -> float:
+        """Height of the body in the gait's own dead reckoning."""
+        return float(self._rest_m[0] if self._tick == 0 else self._step.body_m[self._tick - 1])
+
+    @property
+    def _lowered_m(self) -> float:
+        return float(self._rest_m[1] if self._tick == 0 else self._step.lowered_m[self._tick - 1])
+
+    @property
+    def _feet_m(self) -> tuple[float, float]:
+        """Heights of the ground of both feet above the body frame, without the lift."""
+        if self._tick == 0:
+            return float(self._rest_m[2] - self._rest_m[0]), float(
+                self._rest_m[3] - self._rest_m[0]
+            )
+        step, k = self._step, self._tick - 1
+        return float(step.left_m[k] - step.body_m[k]), float(step.right_m[k] - step.body_m[k])
 
     def _advance_within(self, ticks: int) -> float:
         """Advance within one step; return the share of the step made."""

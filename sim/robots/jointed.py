@@ -32,7 +32,7 @@ AIMED_RAD = math.radians(
 AIM_STEPS = 8  # ours: of Newton's method
 
 Feet = tuple[tuple[Pose2, float], tuple[Pose2, float]]
-"""Left and right sole in the body frame, each with its height above the floor, m."""
+"""Left and right sole in the body frame, each with its height above that frame, m."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,8 +56,8 @@ JSON_TOPICS: dict[str, dict[str, object]] = {
     "/odometry": {
         "title": "surefoot.StepOdometry",
         "type": "object",
-        "description": "Body pose in the body frame of the previous frame: m, rad; number of footsteps.",
-        "properties": {"x": _NUMBER, "y": _NUMBER, "yaw": _NUMBER, "steps": _NUMBER},
+        "description": "Body pose in the body frame of the previous frame: m, rad; number of footsteps; rise, if any, m.",
+        "properties": dict.fromkeys(("x", "y", "yaw", "steps", "rise"), _NUMBER),
     },
     "/imu": {
         "title": "surefoot.Imu",
@@ -132,6 +132,8 @@ def frame_messages(encoded: EncodedFrame) -> Iterator[tuple[str, Message | dict[
     if encoded.odometry is not None:
         motion = encoded.odometry.motion
         values = {"x": motion.x, "y": motion.y, "yaw": motion.yaw, "steps": encoded.odometry.steps}
+        if encoded.odometry.rise_m:
+            values["rise"] = encoded.odometry.rise_m
         group.append(("/odometry", {name: float(value) for name, value in values.items()}))
     if encoded.imu is not None:
         group.append(("/imu", {k: v.tolist() for k, v in vars(encoded.imu).items()}))
@@ -321,7 +323,9 @@ def _stereo(
 def _odometry(values: Mapping[str, float] | None) -> StepOdometry | None:
     if values is None:
         return None
-    return StepOdometry(Pose2(values["x"], values["y"], values["yaw"]), values["steps"])
+    return StepOdometry(
+        Pose2(values["x"], values["y"], values["yaw"]), values["steps"], values.get("rise", 0.0)
+    )
 
 
 def _imu(values: Mapping[str, list[float]] | None) -> Imu | None:

@@ -194,6 +194,15 @@ class DynamicBody:
         )
         return body_between_feet(left, right, _below(self.physics.pelvis()).yaw)
 
+    @property
+    def true_height_m(self) -> float:
+        """0: it walks on flat ground only."""
+        return 0.0
+
+    def foot_heights(self) -> tuple[float, float]:
+        """Both 0: it walks on flat ground only."""
+        return 0.0, 0.0
+
     def true_trunk(self) -> Pose3:
         pelvis = self.true_pose.inverse().lifted() @ self.physics.pelvis()
         return pelvis @ Pose3((0.0, 0.0, -self.config.body.hip_m))
