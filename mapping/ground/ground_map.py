@@ -225,7 +225,7 @@ class GroundMap:
         """The filter, which begins with the ground below the feet; the first image tells the coefficients."""
         if self._filter is None:
             self._filter = HeightFilter(None)
-            self._add_stand(self._filter)
+            self._add_stand(self._filter, self.config.start_m)
         if coefficients is not None and not self._filter.takes(coefficients):
             raise InputError(
                 f"ground: the regions have {coefficients} coefficients of distortion, those before had "
@@ -247,18 +247,18 @@ class GroundMap:
                 return
         self._add_stand(heights)
 
-    def _add_stand(self, heights: HeightFilter) -> None:
+    def _add_stand(self, heights: HeightFilter, radius_m: float = STAND_RADIUS_M) -> None:
         """A new surface below the feet."""
         tilt = math.radians(self.config.stand_tilt_deg)
         sigma = np.array([self.config.stand_sigma_m, tilt, tilt])
         heights.add_known(np.array([self._height_m, 0.0, 0.0]), np.diag(sigma**2))
         self._patches.append(_Patch(self._at))
-        self._below(self._patches[-1])
+        self._below(self._patches[-1], radius_m)
 
-    def _below(self, patch: _Patch) -> None:
+    def _below(self, patch: _Patch, radius_m: float = STAND_RADIUS_M) -> None:
         """See the cells below the feet, as far as they are within the sides and of no other surface."""
-        points = lattice(self._at - STAND_RADIUS_M, self._at + STAND_RADIUS_M)
-        kept = np.linalg.norm(points - self._at, axis=1) < STAND_RADIUS_M
+        points = lattice(self._at - radius_m, self._at + radius_m)
+        kept = np.linalg.norm(points - self._at, axis=1) < radius_m
         for one in patch.sides:
             kept &= one.across(points) < 0.0
         for other in self._patches:
