@@ -16,6 +16,7 @@ class WalkCommand:
         single_support_s: T_SS.
         double_support_s: T_DS.
         rise_m: Height at which the foot lands above the foot that stands; 0 on flat ground. Ours.
+        stay: Whether the feet stay where they are, also on two levels; without it a step of no length joins them. Ours.
 
     Source: seed 000, section 2.1.
     """
@@ -26,6 +27,7 @@ class WalkCommand:
     single_support_s: float = 0.30
     double_support_s: float = 0.35
     rise_m: float = 0.0
+    stay: bool = False
 
     @property
     def duration_s(self) -> float:

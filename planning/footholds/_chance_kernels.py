@@ -14,6 +14,7 @@ from perception.primitives.compiled import njit
 SIDE = 6  # of a side: start x, y, end x, y, standard deviation, border
 UNSEEN = 0  # `Border.UNSEEN`
 SQRT2 = math.sqrt(2.0)
+CARRIED = 0.8  # ours: part of a sole, about its middle, below which ground must have been seen
 SAFE = 2.6  # deviations: a chance of 0.005
 
 
@@ -68,7 +69,7 @@ def chances(
     half: np.ndarray,
     noise: np.ndarray,
 ) -> tuple[float, float]:
-    """Chances that a sole reaches beyond an edge, and beyond what was seen; 1 where its middle is not on the surface.
+    """Chances that a sole reaches beyond an edge, and its inner part beyond what was seen; 1 where its middle is not on it.
 
     The error of the heading by Gauss-Hermite quadrature of three points: a corner of either end may be the one that is beyond.
 
@@ -80,6 +81,7 @@ def chances(
         return 1.0, 1.0
     reach = math.sqrt(half[0] * half[0] + half[1] * half[1])
     missed, unseen = 0.0, 0.0
+    inner = CARRIED * half
     for k in range(3):
         heading = yaw + (k - 1) * math.sqrt(3.0 * noise[2])
         c, s = math.cos(heading), math.sin(heading)
@@ -91,7 +93,7 @@ def chances(
             length = math.sqrt(dx * dx + dy * dy)
             if abs(away) > (reach + 6.0 * side[4] + 6.0 * math.sqrt(noise[0])) * length:
                 continue  # far before it, or behind a side of another part
-            over = beyond(side, x, y, c, s, half)
+            over = beyond(side, x, y, c, s, inner if side[5] == UNSEEN else half)
             if over == -np.inf:
                 continue
             ahead, across = (dy * c - dx * s) / length, (-dy * s - dx * c) / length
@@ -160,5 +162,6 @@ def margin(
     ahead = abs(nx * math.cos(yaw) + ny * math.sin(yaw))
     across = abs(ny * math.cos(yaw) - nx * math.sin(yaw))
     sigma = math.sqrt(side[4] * side[4] + ahead * ahead * noise[0] + across * across * noise[1])
-    clear = ahead * half[0] + across * half[1] + SAFE * sigma
+    clear = ahead * half[0] + across * half[1]
+    clear = clear * (CARRIED if side[5] == UNSEEN else 1.0) + SAFE * sigma
     return clear / max(abs(nx * c + ny * s), 0.1)

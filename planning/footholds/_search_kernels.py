@@ -56,6 +56,8 @@ def way_left(
     """
     height = np.full((COARSE, COARSE), np.nan)
     for j in range(len(planes)):
+        if math.hypot(planes[j, 5], planes[j, 6]) > limits[8]:
+            continue
         first, last = int(planes[j, 0]), int(planes[j, 1])
         for row in range(COARSE):
             y = corner[1] + (row + 0.5) * cell
@@ -154,7 +156,7 @@ def search(
     prices: np.ndarray,
     blocked: np.ndarray,
     grid: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, int, int]:
+) -> tuple[np.ndarray, np.ndarray, int, int, float]:
     """A* over footsteps from a standing foot.
 
     Args:
@@ -171,7 +173,8 @@ def search(
         prices, blocked, grid: Cost of the ground, see `toll`.
 
     Returns:
-        Nodes, their footsteps (ahead, left, turn), the last node of the plan, and where it is: `GOAL`, `HORIZON`, `BORDER`.
+        Nodes, their footsteps (ahead, left, turn), the last node of the plan, where it is (`GOAL`, `HORIZON`, `BORDER`), and by how
+        much the way is shorter there, m.
     """
     room = min(CELLS, 100 * most)
     nodes = np.empty((room, NODE))
@@ -196,7 +199,8 @@ def search(
     per_m = GREED * (1.0 + costs[0] / limits[0])
     heap = [(per_m * left_m, 0)]
     count, expanded, best, nearest = 1, 0, 0, left_m
-    enough = left_m - horizon_m
+    enough, whole = left_m - horizon_m, left_m
+    nearest = np.inf
     while len(heap) > 0 and expanded < most:
         _, this = heapq.heappop(heap)
         if closed[this] or (this > 0 and owner[slot_of(table, keys[this])] != this):
@@ -207,12 +211,14 @@ def search(
         c, s = math.cos(yaw), math.sin(yaw)
         fx, fy = x - side * h * s, y + side * h * c  # frame between the feet
         left_m = estimate(left, low, fine, goal, fx, fy)
-        if left_m < nearest - 1e-9:
-            best, nearest = this, left_m
+        aside = abs(math.atan2(goal[1] - fy, goal[0] - fx) - yaw) % (2.0 * math.pi)
+        from_here = left_m + costs[1] * min(aside, 2.0 * math.pi - aside)
+        if from_here < nearest - 1e-9:
+            best, nearest = this, from_here
         if math.hypot(goal[0] - fx, goal[1] - fy) <= goal[2]:
-            return nodes, moves, this, GOAL
+            return nodes, moves, this, GOAL, whole - left_m
         if left_m <= enough:
-            return nodes, moves, this, HORIZON
+            return nodes, moves, this, HORIZON, whole - left_m
         expanded += 1
         for turning in range(5):
             turn = (turning - 2) / 2.0 * limits[3]
@@ -295,4 +301,4 @@ def search(
                         ahead_m = estimate(left, low, fine, goal, gx, gy)
                         heapq.heappush(heap, (cost + per_m * ahead_m, count))
                         count += 1
-    return nodes, moves, best, BORDER
+    return nodes, moves, best, BORDER, whole - nearest

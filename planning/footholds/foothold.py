@@ -3,7 +3,7 @@
 The sides of a surface are known to a standard deviation, and a foot lands beside its mark by the slip of a step. Both are
 Gaussian. A side is missed if any part of the sole that faces it reaches beyond; sides count as independent, so where the
 same shift moves opposite sides the chance is a little too large. Beyond a side where nothing was seen there may be ground or
-not: that chance is stated by itself.
+not: that chance is stated by itself, for the inner four fifths of the sole, which carry it.
 
 Source: ours.
 """
@@ -49,7 +49,7 @@ class Foothold:
         height_m: Of its ground.
         surface: Index of the surface.
         missed: Chance that a part of the sole is beyond an edge.
-        unseen: Chance that a part of it is beyond what was seen.
+        unseen: Chance that its inner part is beyond what was seen.
     """
 
     foot: int

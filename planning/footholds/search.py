@@ -89,11 +89,13 @@ class FootstepPlan:
         footholds: One a step, body frame of the start.
         commands: The same as commands to the body.
         end: Where they lead.
+        gain_m: By how much they shorten the way to the goal.
     """
 
     footholds: tuple[Foothold, ...]
     commands: tuple[WalkCommand, ...]
     end: PlanEnd
+    gain_m: float = 0.0
 
 
 def plan(
@@ -132,7 +134,7 @@ def plan(
     costs = np.array([STEP * ahead, TURN * ahead, RISE, FALL, CHANCE * ahead])
     prices, blocked, grid = _grid(ground)
     start = np.array([*stance.pose.vector, stance.height_m, -1.0, stance.foot])
-    nodes, moves, last, end = kernels.search(
+    nodes, moves, last, end, gain_m = kernels.search(
         sides, planes, start, np.array([*goal, near_m], np.float64),
         np.array([robot.foot_m[0] / 2, robot.foot_m[1] / 2, robot.stance_m / 2]), limits, costs,
         noise.variances, config.risk, max(LEVEL_STEPS * ahead, RISES * steps.reach_m), NODES, prices, blocked, grid,
@@ -149,7 +151,7 @@ def plan(
             )
         )
         last = int(before)
-    return FootstepPlan(tuple(found[::-1]), tuple(commands[::-1]), PlanEnd(int(end)))
+    return FootstepPlan(tuple(found[::-1]), tuple(commands[::-1]), PlanEnd(int(end)), float(gain_m))
 
 
 def _within(goal: Float[np.ndarray, "2"], pose: Pose2) -> Float[np.ndarray, "2"]:

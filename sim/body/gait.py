@@ -308,6 +308,8 @@ class Gait:
     ) -> tuple[Pose2, Pose2, bool]:
         """Walking frame after a command, target of the swing foot, and whether that foot has to move."""
         config = self.config
+        if command.stay:
+            return frame, feet.of(feet.swing), False
         longest = config.reach_m if command.rise_m else config.forward_limit_m
         forward = min(max(command.forward_m, -config.backward_limit_m), longest)
         if extension_m:

@@ -13,7 +13,7 @@ Source: ours.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -26,9 +26,10 @@ from perception.primitives.errors import InputError
 from perception.primitives.frame import Frame
 from perception.primitives.own_body import OwnBody
 from perception.primitives.pose import Pose2, Pose3
+from perception.primitives.stopwatch import Stopwatch
 from perception.terrain import segmentation
 from planning.commands import GazeCommand, WalkCommand
-from planning.footholds.foothold import FootNoise
+from planning.footholds.foothold import Foothold, FootNoise
 from planning.footholds.search import FootstepPlan, PlanEnd, Stance, plan
 from planning.planners.planner import Decision
 
@@ -45,6 +46,9 @@ SWAY_M, SWAY_RAD = (
 LOOKS = ((0.0, 0.0), (0.0, 0.25), (0.35, 0.1), (-0.35, 0.1), (0.0, -0.2), (0.0, 0.1))
 """Ours: gaze of a robot that stands and looks about, pan and tilt from its usual one, rad."""
 TURNS = 3  # ours: times that it looks about before it gives up
+LEAST_GAIN = (
+    0.5  # ours: of a longest step, for which a step to the border of what is known is worth it
+)
 AHEAD = 3  # ours: footsteps at which the gaze is directed
 
 
@@ -105,6 +109,13 @@ class GroundWalker:
         return self.ground.surfaces
 
     @property
+    def next_foothold(self) -> Foothold | None:
+        """Where the next foot is to land by the latest plan, frame of the standing foot."""
+        return (
+            self.latest.footholds[0] if self.latest is not None and self.latest.footholds else None
+        )
+
+    @property
     def stance(self) -> int:
         """The standing foot, 1 left, -1 right."""
         return self._foot
@@ -130,7 +141,10 @@ class GroundWalker:
             )
             pose = T_foot_body @ depth.T_body_camera
             self.ground.observe(regions, pose, self._camera_covariance, depth.camera)
-        return self._decided()
+        surfaces, watch = self.surfaces, Stopwatch()
+        with watch.stage("plan"):
+            decision = self._decided(surfaces)
+        return replace(decision, timing_ms=watch.milliseconds)
 
     def _follow(self, felt: Feeling) -> None:
         """Move the frame of the map and the goal to the foot that has landed."""
@@ -148,26 +162,29 @@ class GroundWalker:
             self._stands = _flat(there)
         self._foot, self._motion, self._steps = now, Pose2(), 0.0
 
-    def _decided(self) -> Decision:
+    def _decided(self, surfaces: tuple[Surface, ...]) -> Decision:
         robot = self.config.robot_model
         found = plan(
-            self.surfaces, Stance(self._foot, Pose2()), self.goal, NEAR_M, robot,
+            surfaces, Stance(self._foot, Pose2()), self.goal, NEAR_M, robot,
             self.config.footholds, self._noise,
         )  # fmt: skip
         self.latest = found
         middle = np.array([0.0, -self._foot * robot.stance_m / 2])
         if np.linalg.norm(self.goal - middle) <= NEAR_M:
             return Decision(WalkCommand(), self._gaze(self.goal), "arrived")
-        onward = found.end is not PlanEnd.BORDER or len(found.footholds) > 1
+        least_m = LEAST_GAIN * robot.gait.max_speed_mps * robot.gait.step_s
+        onward = found.end is not PlanEnd.BORDER or found.gain_m > least_m
         if not onward:
             self._idle += 1
             if self._idle > TURNS * len(LOOKS):
-                return Decision(WalkCommand(), self._gaze(self.goal), "unknown")
+                return Decision(WalkCommand(stay=True), self._gaze(self.goal), "unknown")
             pan, tilt = LOOKS[self._idle % len(LOOKS)]
             away = self.goal / max(float(np.linalg.norm(self.goal)), 1e-9)
             usual = self._gaze(0.6 * robot.hip_m * away)
             return Decision(
-                WalkCommand(), GazeCommand(usual.pan_rad + pan, usual.tilt_rad + tilt), "look"
+                WalkCommand(stay=True),
+                GazeCommand(usual.pan_rad + pan, usual.tilt_rad + tilt),
+                "look",
             )
         self._idle = 0
         command = found.commands[0]

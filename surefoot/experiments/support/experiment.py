@@ -64,6 +64,7 @@ FILES = {
     "robots": "joint.robots",
     "sensors": "joint.sensors",
     "stairs-perception": "joint.stairs_perception",
+    "stairs-walk": "joint.stairs_walk",
     "strangers": "joint.strangers",
     "walking": "joint.walking",
     "mrclam": "real.mrclam",

@@ -75,7 +75,8 @@ def test_unseen_sides_count_by_themselves_and_sides_of_other_parts_not_at_all():
     assert chances(seen, Pose2(0.3, 0.0), ROBOT, FIRM) == pytest.approx((0.0, 0.0), abs=1e-9)
     missed, unseen = chances(seen, Pose2(0.5, 0.0), ROBOT, FIRM)
     assert missed == 0.0
-    assert unseen > 0.6
+    assert unseen == pytest.approx(0.0, abs=1e-4)
+    assert chances(seen, Pose2(0.52, 0.0), ROBOT, FIRM)[1] == pytest.approx(0.655, abs=0.01)
     assert chances(seen, Pose2(0.9, 0.0), ROBOT, FIRM) == (1.0, 1.0)
     corner = np.array([[0, -1.0], [1.0, -1.0], [1.0, -0.5], [0.3, -0.5], [0.3, 0.5], [0, 0.5]])
     bent = Surface(
