@@ -23,6 +23,7 @@ GOAL, HORIZON, BORDER = 0, 1, 2  # where a plan ends
 COARSE = 64  # ours: cells of the coarse map to each side
 VOID, TIGHT = 4.0, 2.0  # ours: cost of a metre of unknown ground, and beside it
 GREED = 1.7  # ours: weight of the estimate, by which a plan may cost more than the best
+FACING = 5.0  # ours: weight of a turn away from the goal where a plan ends at a border: the robot is to look there
 
 
 @njit(cache=True)
@@ -212,7 +213,7 @@ def search(
         fx, fy = x - side * h * s, y + side * h * c  # frame between the feet
         left_m = estimate(left, low, fine, goal, fx, fy)
         aside = abs(math.atan2(goal[1] - fy, goal[0] - fx) - yaw) % (2.0 * math.pi)
-        from_here = left_m + costs[1] * min(aside, 2.0 * math.pi - aside)
+        from_here = left_m + FACING * costs[1] * min(aside, 2.0 * math.pi - aside)
         if from_here < nearest - 1e-9:
             best, nearest = this, from_here
         if math.hypot(goal[0] - fx, goal[1] - fy) <= goal[2]:
