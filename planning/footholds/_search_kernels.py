@@ -315,19 +315,22 @@ def search(
                         price = toll(prices, blocked, grid, gx, gy)
                         if price == np.inf:
                             continue
-                        missed, unseen = chances(
-                            sides, first, last, tx, ty, yaw + turn, half, noise
-                        )
-                        if missed > risk or unseen > risk:
-                            continue
                         cost = nodes[this, 6] + price * math.hypot(gx - fx, gy - fy) + costs[0]
-                        cost += costs[1] * abs(turn) + costs[4] * (missed + unseen) / risk
+                        cost += costs[1] * abs(turn)
                         cost += costs[2] * max(rise, 0.0) + costs[3] * max(-rise, 0.0)
                         heading = (yaw + turn) % (2.0 * math.pi)
                         key = (math.floor(tx / cell) + 4096) * 8192
                         key = (key + math.floor(ty / cell) + 4096) * YAWS
                         key = (key + int(heading / (2.0 * math.pi) * YAWS)) * 2 + int(side > 0)
                         slot = slot_of(table, key)
+                        if table[slot] == key and nodes[owner[slot], 6] <= cost:
+                            continue
+                        missed, unseen = chances(
+                            sides, first, last, tx, ty, yaw + turn, half, noise, risk
+                        )
+                        if missed > risk or unseen > risk:
+                            continue
+                        cost += costs[4] * (missed + unseen) / risk
                         if table[slot] == key and nodes[owner[slot], 6] <= cost:
                             continue
                         if count >= room:

@@ -43,7 +43,7 @@ LEVEL_STEPS, RISES = (
     6,
     3,
 )  # ours: that a plan looks ahead, of the longest ones, on and between levels
-NODES = 120  # ours: that a search expands at most
+NODES = 140  # ours: that a search expands at most
 STEP, TURN, RISE, FALL, CHANCE = 0.5, 0.5, 1.0, 2.0, 4.0
 """Ours: costs of a footstep, of a turn by 1 rad and of a chance as large as the bound, in longest steps; of a rise and of a
 descent by 1 m, in m."""

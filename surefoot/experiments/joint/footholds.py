@@ -13,6 +13,7 @@ Source: ours.
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Sequence
@@ -25,7 +26,7 @@ from mapping.ground.surface import Border, Surface
 from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import RobotModel
 from planning.footholds.foothold import FootNoise, chances
-from planning.footholds.search import Stance, plan
+from planning.footholds.search import SLOPE, Stance, plan
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.scenes import stairs
 from sim.scenes.stairs import Terrain
@@ -124,10 +125,11 @@ def _claims(
     noise: FootNoise,
 ) -> list[tuple[float, bool]]:
     """At most one sole in every bin: its claim, and whether it missed an edge."""
+    level = [one for one in surfaces if math.hypot(*one.height[1:]) < SLOPE]
     level_m = height(terrain, stands.x)
     found: dict[int, tuple[float, bool]] = {}
     for _ in range(CANDIDATES):
-        surface = surfaces[int(rng.integers(len(surfaces)))]
+        surface = level[int(rng.integers(len(level)))]
         weights = rng.dirichlet(np.ones(len(surface.outline)))
         x, y = weights @ surface.outline
         pose = Pose2(float(x), float(y), float(rng.uniform(-0.3, 0.3)))
@@ -223,7 +225,7 @@ def summary(found: Sequence[Trial]) -> tuple[dict[str, float], list[str]]:
     for name in ("drawn", "mapped"):
         claims = np.array([c for one in found for c in getattr(one, name)], float).reshape(-1, 2)
         good = True
-        for low, high in zip(BINS[:-1], BINS[1:], strict=True):
+        for low, high in itertools.pairwise(BINS):
             p, happened = claims[(claims[:, 0] >= low) & (claims[:, 0] < high)].T
             if not len(p):
                 continue
