@@ -14,12 +14,11 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from mapping.ground.config import GroundConfig
 from mapping.ground.ground_map import GroundMap
 from mapping.ground.surface import Surface
 from perception.depth.sources import DepthSources
@@ -80,11 +79,11 @@ class GroundWalker:
     config: Config
     own_body: OwnBody | None
     goal: Float[np.ndarray, "2"]
-    ground: GroundMap = field(default_factory=lambda: GroundMap(GroundConfig(start_m=START_M)))
     latest: FootstepPlan | None = None
 
     def __post_init__(self) -> None:
         config = self.config
+        self.ground = GroundMap(replace(config.ground, start_m=START_M))
         self._depths = DepthSources(
             config.tof, config.structured_light, config.stereo, ("tof", "depth"), self.own_body
         )
