@@ -68,6 +68,7 @@ def chances(
     yaw: float,
     half: np.ndarray,
     noise: np.ndarray,
+    enough: float,
 ) -> tuple[float, float]:
     """Chances that a sole reaches beyond an edge, and its inner part beyond what was seen; 1 where its middle is not on it.
 
@@ -76,13 +77,14 @@ def chances(
     Args:
         half: Half of its length and width.
         noise: Variances of its place ahead and across, m^2, and of its heading, rad^2.
+        enough: A chance above which the rest is not computed.
     """
     if not inside(sides, first, last, x, y):
         return 1.0, 1.0
     reach = math.sqrt(half[0] * half[0] + half[1] * half[1])
     missed, unseen = 0.0, 0.0
     inner = CARRIED * half
-    for k in range(3):
+    for k in (1, 0, 2):
         heading = yaw + (k - 1) * math.sqrt(3.0 * noise[2])
         c, s = math.cos(heading), math.sin(heading)
         held, known = 1.0, 1.0
@@ -106,6 +108,8 @@ def chances(
         weight = 2.0 / 3.0 if k == 1 else 1.0 / 6.0
         missed += weight * (1.0 - held)
         unseen += weight * (1.0 - known)
+        if missed > enough or unseen > enough:
+            break
     return missed, unseen
 
 

@@ -133,6 +133,46 @@ def estimate(
 
 
 @njit(cache=True)
+def boxes_of(sides: np.ndarray, planes: np.ndarray) -> np.ndarray:
+    """Least x, y and most x, y of every surface."""
+    found = np.empty((len(planes), 4))
+    for j in range(len(planes)):
+        part = sides[int(planes[j, 0]) : int(planes[j, 1])]
+        found[j, 0], found[j, 1] = part[:, 0].min(), part[:, 1].min()
+        found[j, 2], found[j, 3] = part[:, 0].max(), part[:, 1].max()
+    return found
+
+
+@njit(cache=True)
+def within_reach(
+    boxes: np.ndarray,
+    planes: np.ndarray,
+    x: float,
+    y: float,
+    z: float,
+    reach: float,
+    limits: np.ndarray,
+) -> list[int]:
+    """Surfaces that are level enough, near a place, and not far too high or too low."""
+    found = [0 for _ in range(0)]
+    for j in range(len(planes)):
+        if math.hypot(planes[j, 5], planes[j, 6]) > limits[8]:
+            continue
+        dx = max(boxes[j, 0] - x, x - boxes[j, 2], 0.0)
+        dy = max(boxes[j, 1] - y, y - boxes[j, 3], 0.0)
+        if dx * dx + dy * dy > reach * reach:
+            continue
+        here = planes[j, 4] + planes[j, 5] * (x - planes[j, 2]) + planes[j, 6] * (y - planes[j, 3])
+        if (
+            here - z > limits[4] + 2.0 * limits[8] * reach
+            or z - here > limits[5] + 2.0 * limits[8] * reach
+        ):
+            continue
+        found.append(j)
+    return found
+
+
+@njit(cache=True)
 def slot_of(table: np.ndarray, key: int) -> int:
     """Slot of a key, or the free one where it belongs."""
     slot = (key * 2654435761) % SLOTS
@@ -195,6 +235,7 @@ def search(
     low = np.array([min(sides[:, 0].min(), fx, goal[0]), min(sides[:, 1].min(), fy, goal[1])])
     high = np.array([max(sides[:, 0].max(), fx, goal[0]), max(sides[:, 1].max(), fy, goal[1])])
     fine = 1.001 * max(high[0] - low[0], high[1] - low[1]) / COARSE
+    boxes = boxes_of(sides, planes)
     left = way_left(sides, planes, goal, low, fine, limits, costs, h + half[1])
     left_m = estimate(left, low, fine, goal, fx, fy)
     per_m = GREED * (1.0 + costs[0] / limits[0])
@@ -221,6 +262,7 @@ def search(
         if left_m <= enough:
             return nodes, moves, this, HORIZON, whole - left_m
         expanded += 1
+        near_by = within_reach(boxes, planes, fx, fy, z, pace + 2.0 * h, limits)
         for turning in range(5):
             turn = (turning - 2) / 2.0 * limits[3]
             tc, ts = math.cos(yaw + turn), math.sin(yaw + turn)
@@ -228,7 +270,7 @@ def search(
                 lateral = side * aside / 2.0 * limits[2]
                 # the swing foot at a step of no length, and the direction that steps ahead move it
                 bx, by = fx - lateral * s - side * h * ts, fy + lateral * c + side * h * tc
-                for j in range(len(planes)):
+                for j in near_by:
                     first, last = int(planes[j, 0]), int(planes[j, 1])
                     begin, end, near, far = spans(sides, first, last, bx, by, c, s)
                     if begin > end or begin > pace:
@@ -269,25 +311,26 @@ def search(
                             tx, ty = bx + ahead * c, by + ahead * s
                         if ahead > longest + 1e-9 or ahead < -limits[1]:
                             continue
-                        if math.hypot(planes[j, 5], planes[j, 6]) > limits[8]:
-                            continue
                         gx, gy = tx + side * h * ts, ty - side * h * tc
                         price = toll(prices, blocked, grid, gx, gy)
                         if price == np.inf:
                             continue
-                        missed, unseen = chances(
-                            sides, first, last, tx, ty, yaw + turn, half, noise
-                        )
-                        if missed > risk or unseen > risk:
-                            continue
                         cost = nodes[this, 6] + price * math.hypot(gx - fx, gy - fy) + costs[0]
-                        cost += costs[1] * abs(turn) + costs[4] * (missed + unseen) / risk
+                        cost += costs[1] * abs(turn)
                         cost += costs[2] * max(rise, 0.0) + costs[3] * max(-rise, 0.0)
                         heading = (yaw + turn) % (2.0 * math.pi)
                         key = (math.floor(tx / cell) + 4096) * 8192
                         key = (key + math.floor(ty / cell) + 4096) * YAWS
                         key = (key + int(heading / (2.0 * math.pi) * YAWS)) * 2 + int(side > 0)
                         slot = slot_of(table, key)
+                        if table[slot] == key and nodes[owner[slot], 6] <= cost:
+                            continue
+                        missed, unseen = chances(
+                            sides, first, last, tx, ty, yaw + turn, half, noise, risk
+                        )
+                        if missed > risk or unseen > risk:
+                            continue
+                        cost += costs[4] * (missed + unseen) / risk
                         if table[slot] == key and nodes[owner[slot], 6] <= cost:
                             continue
                         if count >= room:

@@ -75,7 +75,7 @@ def chances(
     variances = (noise or FootNoise()).variances
     half = np.array(robot.foot_m) / 2
     missed, unseen = kernels.chances(
-        sides, 0, len(sides), pose.x, pose.y, pose.yaw, half, variances
+        sides, 0, len(sides), pose.x, pose.y, pose.yaw, half, variances, 1.0
     )
     return float(missed), float(unseen)
 

@@ -19,7 +19,7 @@ from ..scene import FloorArea, Scene, StaticObject
 from ..shapes import Box
 
 KINDS = ("stairs", "kerb", "trench")
-RISER_M, TREAD_M, STEPS, WIDTH_M = (0.05, 0.10), (0.30, 0.36), (2, 5), (1.0, 1.6)
+RISER_M, TREAD_M, STEPS, WIDTH_M = (0.05, 0.09), (0.30, 0.36), (2, 5), (1.0, 1.6)
 AWAY_M, PLATFORM_M, BEYOND_M = (0.6, 1.0), (0.8, 1.2), 1.5
 TRENCH_M, DEEP_M = (0.3, 0.6), 0.3
 WALL_M = 1.5  # of the walls to both sides

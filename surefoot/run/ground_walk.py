@@ -14,12 +14,11 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from mapping.ground.config import GroundConfig
 from mapping.ground.ground_map import GroundMap
 from mapping.ground.surface import Surface
 from perception.depth.sources import DepthSources
@@ -80,11 +79,11 @@ class GroundWalker:
     config: Config
     own_body: OwnBody | None
     goal: Float[np.ndarray, "2"]
-    ground: GroundMap = field(default_factory=lambda: GroundMap(GroundConfig(start_m=START_M)))
     latest: FootstepPlan | None = None
 
     def __post_init__(self) -> None:
         config = self.config
+        self.ground = GroundMap(replace(config.ground, start_m=START_M))
         self._depths = DepthSources(
             config.tof, config.structured_light, config.stereo, ("tof", "depth"), self.own_body
         )
@@ -93,7 +92,7 @@ class GroundWalker:
         self._motion, self._steps = Pose2(), 0.0
         self._idle = 0
         noise, prior = config.localiser, config.prior
-        self._noise = FootNoise(
+        self.noise = FootNoise(
             math.hypot(noise.step_x_sigma_m, noise.slip_sigma_m),
             math.hypot(noise.step_y_sigma_m, noise.lateral_slip_sigma_m),
             math.hypot(noise.step_yaw_sigma_rad, noise.drift_sigma_rad),
@@ -101,7 +100,7 @@ class GroundWalker:
         tilt = math.radians(prior.joints_tilt_deg)
         sigma = [SWAY_M, SWAY_M, prior.joints_height_m, tilt, tilt, SWAY_RAD]
         self._camera_covariance = np.diag(np.square(sigma))
-        self._step_covariance = np.diag([*self._noise.variances, RISE_SIGMA_M**2])
+        self._step_covariance = np.diag([*self.noise.variances, RISE_SIGMA_M**2])
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
@@ -165,7 +164,7 @@ class GroundWalker:
         robot = self.config.robot_model
         found = plan(
             surfaces, Stance(self._foot, Pose2()), self.goal, NEAR_M, robot,
-            self.config.footholds, self._noise,
+            self.config.footholds, self.noise,
         )  # fmt: skip
         self.latest = found
         middle = np.array([0.0, -self._foot * robot.stance_m / 2])

@@ -57,6 +57,7 @@ FILES = {
     "compare": "joint.comparisons",
     "crowd": "joint.crowd",
     "faults": "joint.faults",
+    "footholds": "joint.footholds",
     "gaze-benchmark": "joint.gaze_benchmark",
     "home": "joint.home",
     "localisation": "joint.localisation",
