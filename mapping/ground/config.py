@@ -27,7 +27,6 @@ class GroundConfig:
     stand_sigma_m: float = (
         0.003  # ours: soles; standard deviation of the height of the ground below the feet
     )
-    start_m: float = 0.12  # ours: a stance; radius of the ground that is known at the start, unseen
     stand_tilt_deg: float = (
         0.5  # ours: floors are built level; standard deviation of its slopes at the start
     )

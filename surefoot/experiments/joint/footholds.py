@@ -33,6 +33,7 @@ from sim.scenes import stairs
 from sim.scenes.stairs import Terrain
 from sim.world import World
 
+from ...config.presets import fitted
 from ...config.schema import Config
 from ...run.ground_walk import Feeling, GroundWalker
 from ..support.experiment import Experiment, Outcome, Say, Target
@@ -182,7 +183,7 @@ def _mapped(seed: int) -> tuple[list[tuple[float, bool]], list[float]]:
     terrain = stairs.terrain(kind, seed)
     scene = terrain.scene(kind, seed)
     robot_config = RobotConfig(model=MODEL, stereo=False, colour=False, tof_source="rays")
-    config = Config(robot=robot_config, seed=seed)
+    config = fitted(Config(robot=robot_config, seed=seed))
     rng = np.random.default_rng([seed, 62])
     claims: list[tuple[float, bool]] = []
     times = []
