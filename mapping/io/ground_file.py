@@ -8,13 +8,13 @@ Source: Butler et al. 2016, RFC 7946; coordinates are not geographic, as in its 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from perception.primitives import safe_input
 from perception.primitives.errors import RecordingError
 from perception.primitives.pose import Pose2
 
@@ -60,23 +60,40 @@ def load(path: Path) -> tuple[tuple[Surface, ...], Pose2]:
         RecordingError: The file cannot be read, or is no file of surfaces.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        found = []
-        for feature in content["features"]:
-            ring = np.array(feature["geometry"]["coordinates"][0])[:-1]
-            own = feature["properties"]
-            found.append(
-                Surface(
-                    np.array(own["origin_m"]),
-                    np.array(own["height"]),
-                    np.array(own["covariance"]),
-                    ring[:, :2],
-                    np.array([Border[name.upper()] for name in own["borders"]], int),
-                    np.array(own["sigma_m"]),
-                    float(own["shared_m"]),
-                    int(own["views"]),
-                )
-            )
-        return tuple(found), Pose2(*content["T_world_body"])
-    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
-        raise RecordingError(f"{path}: no file of ground surfaces ({error!r})") from error
+        content = safe_input.json(safe_input.text(path))
+        found = tuple(_surface(feature) for feature in content["features"])
+        x, y, yaw = (float(value) for value in content["T_world_body"])
+    except (safe_input.UnreadableError, ValueError, KeyError, TypeError, IndexError) as error:
+        raise RecordingError(
+            f"{path}: no file of ground surfaces ({error}); expected GeoJSON as `process` writes it"
+        ) from error
+    return found, Pose2(x, y, yaw)
+
+
+def _surface(feature: dict[str, Any]) -> Surface:
+    """A feature of the file.
+
+    Raises:
+        ValueError, KeyError, TypeError, IndexError: It is none.
+    """
+    own = feature["properties"]
+    ring = np.array(feature["geometry"]["coordinates"][0], np.float64)[:-1]
+    count = len(ring)
+    shapes = {"origin_m": (2,), "height": (3,), "covariance": (3, 3), "sigma_m": (count,)}
+    arrays = {name: np.array(own[name], np.float64) for name in shapes}
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
+            raise ValueError(f"{name} must be {shape} finite numbers")
+    borders = np.array([Border[name.upper()] for name in own["borders"]], int)
+    if len(borders) != count or count < 3 or not np.isfinite(ring).all():
+        raise ValueError(f"{count} corners and {len(borders)} borders")
+    return Surface(
+        arrays["origin_m"],
+        arrays["height"],
+        arrays["covariance"],
+        ring[:, :2],
+        borders,
+        arrays["sigma_m"],
+        float(own["shared_m"]),
+        int(own["views"]),
+    )
