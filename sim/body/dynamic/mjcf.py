@@ -13,15 +13,11 @@ from .anatomy import Link, links
 from .physics import FRICTION, SPIN_M, Stage, convex
 from .urdf import REACH_RAD, box_inertia
 
-STIFFNESS = (
-    120.0  # ours: torque of a servo per rad of deviation, relative to its limit; 60 walks too
-)
+STIFFNESS = 120.0  # ours: torque of a servo per rad, relative to its limit; 60 walks too
 DAMPING_S = 2.0  # ours: per rad/s; deviations decay in 1/60 s, as those of PyBullet's servos do
 ARMATURE_S2 = 0.0013  # MX-28: rotor of 0.87 g cm^2 behind a gear of 193, for 2.5 N m
-CONTACT_S = (
-    0.004  # ours: time constant of a contact, the shortest for steps of 1 ms with a margin of 2
-)
-GRIP = 10.0  # ours: impedance of friction relative to that of the normal force; 100 slips as much, 1 more
+CONTACT_S = 0.004  # ours: time constant of a contact; twice the shortest for steps of 1 ms
+GRIP = 10.0  # ours: stiffness of friction against that of contact; 100 slips as much, 1 more
 
 SOLID = 'contype="0" conaffinity="1"'  # what is not the robot touches the robot only
 ROBOT = 'contype="1" conaffinity="0"'  # as in PyBullet, its links do not touch each other
