@@ -8,15 +8,16 @@ Source: Butler et al. 2016, RFC 7946; coordinates are not geographic, as in its 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from perception.primitives import safe_input
 from perception.primitives.errors import RecordingError
 from perception.primitives.pose import Pose2
+from perception.primitives.safe_input import UnreadableError
 
 from ..ground.surface import Border, Surface
 
@@ -60,7 +61,7 @@ def load(path: Path) -> tuple[tuple[Surface, ...], Pose2]:
         RecordingError: The file cannot be read, or is no file of surfaces.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = safe_input.json(safe_input.text(path))
         found = []
         for feature in content["features"]:
             ring = np.array(feature["geometry"]["coordinates"][0])[:-1]
@@ -78,5 +79,5 @@ def load(path: Path) -> tuple[tuple[Surface, ...], Pose2]:
                 )
             )
         return tuple(found), Pose2(*content["T_world_body"])
-    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+    except (OSError, UnreadableError, ValueError, KeyError, TypeError, IndexError) as error:
         raise RecordingError(f"{path}: no file of ground surfaces ({error!r})") from error
