@@ -21,7 +21,7 @@ FILLED_M = 0.05  # ours: a side fills gaps of the cells inwards so far
 CLEARED_M = 0.06  # ours: and clears stray ones outwards
 CLAIMED = 0.5  # ours: share of the cells beyond a side that belie it
 ROUND_CELLS = 1.0  # ours: by how much corners may be simplified
-NEAR_M = 0.035  # ours: a stretch of the contour within this of a side is part of it
+NEAR_M = 0.035  # ours: a stretch of the contour, in the mean within this of a side, is part of it
 SLANT = 0.5  # ours: sine of the angle of a stretch that is not
 CORNER_M = 0.12  # ours: sides are prolonged to a common corner this far
 SMALL_M2 = 0.004  # ours: specks and holes below half a foot's width squared
@@ -128,7 +128,8 @@ def _straightened(corners: Float[np.ndarray, "n 2"], sides: Sequence[tuple[int, 
     length = np.maximum(np.linalg.norm(way, axis=1), 1e-9)
     owner, best = np.full(len(corners), -1), np.full(len(corners), np.inf)
     for number, side in sides:
-        away = np.maximum(np.abs(side.across(corners)), np.abs(side.across(ends)))
+        both = np.abs([side.across(corners), side.across(ends)])
+        away = np.where(both.max(axis=0) < CLEARED_M, both.mean(axis=0), np.inf)
         run = (side.run(corners) + side.run(ends)) / 2.0
         slant = np.abs(way @ side.outward) / length
         on = (away < NEAR_M) & (slant < SLANT) & (away < best)
