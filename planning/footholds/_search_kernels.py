@@ -173,6 +173,13 @@ def within_reach(
 
 
 @njit(cache=True)
+def off_goal(goal: np.ndarray, x: float, y: float, yaw: float) -> float:
+    """Angle between a heading and the direction to the goal, rad."""
+    off = abs(math.atan2(goal[1] - y, goal[0] - x) - yaw) % (2.0 * math.pi)
+    return min(off, 2.0 * math.pi - off)
+
+
+@njit(cache=True)
 def slot_of(table: np.ndarray, key: int) -> int:
     """Slot of a key, or the free one where it belongs."""
     slot = (key * 2654435761) % SLOTS
@@ -253,8 +260,7 @@ def search(
         c, s = math.cos(yaw), math.sin(yaw)
         fx, fy = x - side * h * s, y + side * h * c  # frame between the feet
         left_m = estimate(left, low, fine, goal, fx, fy)
-        aside = abs(math.atan2(goal[1] - fy, goal[0] - fx) - yaw) % (2.0 * math.pi)
-        from_here = left_m + FACING * costs[1] * min(aside, 2.0 * math.pi - aside)
+        from_here = left_m + FACING * costs[1] * off_goal(goal, fx, fy, yaw)
         if from_here < nearest - 1e-9:
             best, nearest = this, from_here
         if math.hypot(goal[0] - fx, goal[1] - fy) <= goal[2]:
@@ -343,6 +349,7 @@ def search(
                         nodes[count, 9] = this
                         moves[count, 0], moves[count, 1], moves[count, 2] = ahead, lateral, turn
                         ahead_m = estimate(left, low, fine, goal, gx, gy)
+                        ahead_m += costs[1] * off_goal(goal, gx, gy, yaw + turn)
                         heapq.heappush(heap, (cost + per_m * ahead_m, count))
                         count += 1
     return nodes, moves, best, BORDER, whole - nearest

@@ -1,4 +1,4 @@
-"""Ground of several levels between two walls, ahead of the robot: a flight up to a platform and one down again, a kerb, a trench.
+"""A walkway of several levels, too high above the floor to leave it: a flight up to a platform and one down again, a kerb, a trench.
 
 Not in the catalogue: the planners of `surefoot simulate` keep to one level. Risers and treads are drawn for the Unitree G1,
 whose legs step up 14 cm and down 10 cm.
@@ -21,8 +21,7 @@ from ..shapes import Box
 KINDS = ("stairs", "kerb", "trench")
 RISER_M, TREAD_M, STEPS, WIDTH_M = (0.05, 0.09), (0.30, 0.36), (2, 5), (1.0, 1.6)
 AWAY_M, PLATFORM_M, BEYOND_M = (0.6, 1.0), (0.8, 1.2), 1.5
-TRENCH_M, DEEP_M = (0.3, 0.6), 0.3
-WALL_M = 1.5  # of the walls to both sides
+TRENCH_M, HIGH_M = (0.3, 0.6), 0.6
 MATERIAL = "plain/sage"
 
 
@@ -43,10 +42,10 @@ class Terrain:
     half_m: float
 
     def scene(self, name: str, seed: int) -> Scene:
-        """Boxes on a floor; the robot starts at the origin, at any height of the first level."""
+        """Boxes on a floor; the robot starts at the origin, on the first level."""
         rng = np.random.default_rng([seed, 52])
         first, last = self.levels[0].start_m, self.levels[-1].end_m
-        extent = (first, -self.half_m, last, self.half_m)
+        extent = (first - 0.5, -self.half_m - 1.5, last + 0.5, self.half_m + 1.5)
         boxes = tuple(
             StaticObject(
                 f"level {k}",
@@ -64,26 +63,10 @@ class Terrain:
             for k, one in enumerate(self.levels)
             if one.height_m > 0.0
         )
-        sides = tuple(
-            StaticObject(
-                "wall",
-                (
-                    Box(
-                        ((first + last) / 2, side * (self.half_m + 0.05), WALL_M / 2),
-                        (last - first, 0.1, WALL_M),
-                        0.0,
-                        "wall/cream",
-                    ),
-                ),
-                0.7,
-                wall=True,
-            )
-            for side in (-1, 1)
-        )
         start = Pose2(0.0, float(rng.uniform(-0.1, 0.1)), float(rng.uniform(-0.08, 0.08)))
         goal = (last - BEYOND_M / 2, 0.0)
         floor = (FloorArea("plain/oak", extent),)
-        return Scene(name, seed, extent, floor, (*sides, *boxes), (), (), start, (goal,))
+        return Scene(name, seed, extent, floor, boxes, (), (), start, (goal,))
 
 
 def terrain(kind: str, seed: int) -> Terrain:
@@ -106,8 +89,11 @@ def terrain(kind: str, seed: int) -> Terrain:
     elif kind == "kerb":
         heights, lengths = [0.0, riser], [BEYOND_M]
     else:
-        heights, lengths = [DEEP_M, 0.0, DEEP_M], [trench, BEYOND_M]
+        heights, lengths = [0.0, -HIGH_M, 0.0], [trench, BEYOND_M]
     ends = np.cumsum([away, *lengths]).tolist()
     starts = [-1.0, *ends[:-1]]
-    levels = tuple(Level(*one) for one in zip(starts, ends, heights, strict=True))
+    levels = tuple(
+        Level(start, end, HIGH_M + height)
+        for start, end, height in zip(starts, ends, heights, strict=True)
+    )
     return Terrain(levels, float(half))

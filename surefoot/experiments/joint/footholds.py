@@ -70,14 +70,14 @@ def true_surfaces(terrain: Terrain, stands: Pose2, sigma_m: np.ndarray) -> list[
     found = []
     to_foot = stands.inverse()
     ground_m = height(terrain, stands.x)
-    heights = [math.inf, *(one.height_m for one in terrain.levels), math.inf]
+    heights = [0.0, *(one.height_m for one in terrain.levels), 0.0]
     for k, one in enumerate(terrain.levels):
         x, y = (one.start_m, one.end_m), terrain.half_m
         corners = np.array([[x[0], -y], [x[1], -y], [x[1], y], [x[0], y]])
         ahead, behind = (
             Border.RISE if heights[j] > one.height_m else Border.DROP for j in (k + 2, k)
         )
-        borders = np.array([Border.RISE, ahead, Border.RISE, behind], int)
+        borders = np.array([Border.DROP, ahead, Border.DROP, behind], int)
         middle = to_foot.apply(corners.mean(axis=0))
         plane = np.array([one.height_m - ground_m, 0.0, 0.0])
         found.append(

@@ -1,6 +1,6 @@
 """Up a flight of stairs and down another, by depth images and joints alone: who arrives, and where feet stood on an edge.
 
-A Unitree G1 with a kinematic body, one depth camera and no landmarks walks over a platform between two walls. Nothing of the scene
+A Unitree G1 with a kinematic body, one depth camera and no landmarks walks over a walkway with a platform. Nothing of the scene
 is known to it. A foot is on an edge if a tenth of its length or more has no ground below it; the robot falls where the middle
 of a sole has none, or where the ground is lower or higher than the foot expected by more than its lift. To stop before ground that it
 cannot tell is a failure too, but an honest one: "unknown".
@@ -62,15 +62,16 @@ def walk(seed: int, kind: str = "stairs") -> Walk:
     config = fitted(Config(robot=robot_config, seed=seed))
     terrain = stairs.terrain(kind, seed)
     scene = terrain.scene(kind, seed)
-    top_m = max(one.height_m for one in terrain.levels)
+    heights = [one.height_m for one in terrain.levels]
     with World(scene, seed=seed) as world, SimulatedRobot(world, robot_config, seed) as robot:
         goal = scene.start.inverse().apply(np.array(scene.goals[0]))
-        return _walked(seed, robot, GroundWalker(config, robot.own_body, goal), top_m)
+        return _walked(seed, robot, GroundWalker(config, robot.own_body, goal), heights)
 
 
-def _walked(seed: int, robot: SimulatedRobot, walker: GroundWalker, top_m: float) -> Walk:
+def _walked(seed: int, robot: SimulatedRobot, walker: GroundWalker, heights: list[float]) -> Walk:
     steps: list[Step] = []
-    highest, before = 0.0, walker.stance
+    start_m, most_m = heights[0], max(heights) - heights[0]
+    highest, before = start_m, walker.stance
     expected: Foothold | None = None
     edges, plan_ms = 0, 0.0
     while len(steps) < MOST_STEPS:
@@ -83,17 +84,17 @@ def _walked(seed: int, robot: SimulatedRobot, walker: GroundWalker, top_m: float
             steps.append(Step(expected.missed, carried, plan_ms))
             edges += carried < LEAST_CARRIED
             if fault:
-                return Walk(seed, fault, highest / top_m, tuple(steps))
+                return Walk(seed, fault, (highest - start_m) / most_m, tuple(steps))
             before = walker.stance
         highest = max(highest, robot.body.true_height_m)
         if decision.why in ("arrived", "unknown"):
             end = "edge" if decision.why == "arrived" and edges else decision.why
-            return Walk(seed, end, highest / top_m, tuple(steps))
+            return Walk(seed, end, (highest - start_m) / most_m, tuple(steps))
         plan_ms = decision.timing_ms["plan"]
         expected = None if decision.walk.stay else walker.next_foothold
         robot.walk(decision.walk)
         robot.look(decision.gaze)
-    return Walk(seed, "time", highest / top_m, tuple(steps))
+    return Walk(seed, "time", (highest - start_m) / most_m, tuple(steps))
 
 
 def _landed(robot: SimulatedRobot, foot: int, expected: Foothold) -> tuple[float, str]:

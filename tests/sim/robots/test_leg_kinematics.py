@@ -1,7 +1,10 @@
 """Legs: the foot is where it was wanted, and out of reach it is as near as it gets."""
 
+import math
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from perception.primitives.kinematics import link_poses
 from perception.primitives.pose import Pose2, Pose3
@@ -63,3 +66,28 @@ def test_the_soles_stand_where_the_gait_puts_them(little, lift_m):
         np.testing.assert_allclose(sole[:3], [place.x, place.y, height], atol=1e-8)
         np.testing.assert_allclose(T[:3, 2], [0.0, 0.0, 1.0], atol=1e-8)
         np.testing.assert_allclose(np.arctan2(T[1, 0], T[0, 0]), place.yaw, atol=1e-8)
+
+
+def test_both_soles_are_level_on_the_highest_and_longest_step_that_is_stated(maker):
+    description = maker.description
+    limits, half = description.model.steps, description.walk.stance_m / 2
+    for rise_m, most_m, most_rad in (
+        (limits.up_m, 0.005, 0.02),
+        (-limits.down_m, 0.015, math.radians(10.5)),  # the heel behind lifts
+    ):
+        for share in (0.35, 0.5, 0.65):  # of the pelvis on its way to the foot ahead
+            ahead = Pose2((1.0 - share) * limits.reach_m, half), rise_m / 2
+            behind = Pose2(-share * limits.reach_m, -half), -rise_m / 2
+            lowered = Pose3((0.0, 0.0, -abs(rise_m) / 2))
+            angles = maker.standing(maker.bent, lowered, (ahead, behind))
+            poses = link_poses(maker.tree, angles)
+            base = (lowered @ maker.T_trunk_base).matrix
+            for leg, foot, level, side, (place, height_m) in zip(
+                maker.legs, maker.feet, maker.level, (1.0, -1.0), (ahead, behind), strict=True
+            ):
+                tip = base @ poses[leg[-1] + 1] @ foot
+                x, y, z = description.legs.sole_m
+                ankle = [place.x - x, place.y - side * y, height_m - z]
+                assert tip[:3, 3] == pytest.approx(ankle, abs=most_m)
+                turned = Rotation.from_matrix(tip[:3, :3] @ level.T).magnitude()
+                assert turned < most_rad
