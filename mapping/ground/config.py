@@ -17,7 +17,7 @@ class GroundConfig:
         False,
         "",
         "keep a map of ground of several levels; needs the camera's place on the body",
-        "ours: costs a third of a frame, and flat ground does not need it",
+        "ours: costs nearly half of a frame, and flat ground does not need it",
     )
     reach_m: float = setting(
         3.0, "m", "distance to which surfaces are kept", "ours: some steps ahead; sensors reach 3 m"
