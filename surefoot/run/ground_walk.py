@@ -52,7 +52,7 @@ AHEAD = 3  # ours: footsteps at which the gaze is directed
 
 
 @dataclass(frozen=True)
-class Feeling:
+class FeetReading:
     """What the joints tell of the feet: left and right, in the body frame, and their heights there, m."""
 
     feet: Feet
@@ -119,7 +119,7 @@ class GroundWalker:
         """The standing foot, 1 left, -1 right."""
         return self._foot
 
-    def cycle(self, frame: Frame, felt: Feeling) -> Decision | None:
+    def cycle(self, frame: Frame, feet: FeetReading) -> Decision | None:
         """Take in a frame; the next footstep and gaze where one is due.
 
         Raises:
@@ -131,8 +131,8 @@ class GroundWalker:
         self._steps += frame.odometry.steps
         if not frame.footstep_due:
             return None
-        self._follow(felt)
-        T_foot_body = felt.sole(self._foot).inverse()
+        self._follow(feet)
+        T_foot_body = feet.sole(self._foot).inverse()
         for sensor, depth in self._depths.images(frame):
             assert depth.T_body_camera is not None
             regions = segmentation.find(
@@ -144,17 +144,17 @@ class GroundWalker:
         decision = self._decided(surfaces)
         return replace(decision, timing_ms={"plan": 1e3 * (time.thread_time() - began_s)})
 
-    def _follow(self, felt: Feeling) -> None:
+    def _follow(self, feet: FeetReading) -> None:
         """Move the frame of the map and the goal to the foot that has landed."""
         now = -self._foot if self._steps > 0.5 else self._foot
-        there = felt.sole(now)
+        there = feet.sole(now)
         if self._stands is None:
             self._stands = _flat(there)
             self.goal = self._stands.inverse().apply(self.goal)
         elif now != self._foot:
             slip = Pose2(self.config.localiser.slip_m * self._steps, 0.0, 0.0)
             motion = self._stands.inverse() @ self._motion @ slip @ _flat(there)
-            rise_m = there.translation[2] - felt.sole(-now).translation[2]
+            rise_m = there.translation[2] - feet.sole(-now).translation[2]
             self.ground.move(motion, rise_m, self._step_covariance)
             self.goal = motion.inverse().apply(self.goal)
             self._stands = _flat(there)

@@ -35,7 +35,7 @@ from sim.world import World
 
 from ...config.presets import fitted
 from ...config.schema import Config
-from ...run.ground_walk import Feeling, GroundWalker
+from ...run.ground_walk import FeetReading, GroundWalker
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_trials
 
@@ -192,7 +192,7 @@ def _mapped(seed: int) -> tuple[list[tuple[float, bool]], list[float]]:
         walker = GroundWalker(config, robot.own_body, goal)
         number = 0
         while number <= LOOKED[-1]:
-            decision = walker.cycle(robot.read(), Feeling(robot.feet(), robot.foot_heights()))
+            decision = walker.cycle(robot.read(), FeetReading(robot.feet(), robot.foot_heights()))
             if decision is None:
                 continue
             times.append(decision.timing_ms["plan"])

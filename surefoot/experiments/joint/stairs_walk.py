@@ -27,7 +27,7 @@ from sim.world import World
 
 from ...config.presets import fitted
 from ...config.schema import Config
-from ...run.ground_walk import Feeling, GroundWalker
+from ...run.ground_walk import FeetReading, GroundWalker
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_trials
 
@@ -76,7 +76,7 @@ def _walked(seed: int, robot: SimulatedRobot, walker: GroundWalker, heights: lis
     edges, plan_ms = 0, 0.0
     while len(steps) < MOST_STEPS:
         frame = robot.read()
-        decision = walker.cycle(frame, Feeling(robot.feet(), robot.foot_heights()))
+        decision = walker.cycle(frame, FeetReading(robot.feet(), robot.foot_heights()))
         if decision is None:
             continue
         if walker.stance != before and expected is not None:
