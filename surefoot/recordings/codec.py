@@ -250,10 +250,7 @@ def _fault(frame: Frame) -> str | None:
     values: dict[str, tuple[float, ...]] = {"stamp_s": (frame.stamp_s,)}
     if frame.odometry is not None:
         motion = frame.odometry.motion
-        values["odometry"] = (
-            *(motion.x, motion.y, motion.yaw),
-            *(frame.odometry.steps, frame.odometry.rise_m),
-        )
+        values["odometry"] = (*motion.vector, frame.odometry.steps, frame.odometry.rise_m)
     if frame.imu is not None:
         values["imu"] = (*frame.imu.angular_velocity, *frame.imu.specific_force)
         if len(values["imu"]) != 6:

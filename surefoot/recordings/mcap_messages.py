@@ -56,7 +56,7 @@ JSON_TOPICS: dict[str, dict[str, object]] = {
     "/odometry": {
         "title": "surefoot.StepOdometry",
         "type": "object",
-        "description": "Body pose in the body frame of the previous frame: m, rad; number of footsteps; rise, if any, m.",
+        "description": "Body pose in the body frame of the previous frame: m, rad; number of footsteps; rise of the body, m.",
         "properties": dict.fromkeys(("x", "y", "yaw", "steps", "rise"), _NUMBER),
     },
     "/imu": {
@@ -130,10 +130,9 @@ def frame_messages(encoded: EncodedFrame) -> Iterator[tuple[str, Message | dict[
     if transforms.transforms:
         group.append(("/tf", transforms))
     if encoded.odometry is not None:
-        motion = encoded.odometry.motion
-        values = {"x": motion.x, "y": motion.y, "yaw": motion.yaw, "steps": encoded.odometry.steps}
-        if encoded.odometry.rise_m:
-            values["rise"] = encoded.odometry.rise_m
+        odometry = encoded.odometry
+        x, y, yaw = odometry.motion.vector.tolist()
+        values = {"x": x, "y": y, "yaw": yaw, "steps": odometry.steps, "rise": odometry.rise_m}
         group.append(("/odometry", {name: float(value) for name, value in values.items()}))
     if encoded.imu is not None:
         group.append(("/imu", {k: v.tolist() for k, v in vars(encoded.imu).items()}))
