@@ -110,6 +110,12 @@ def missed(terrain: Terrain, sole: Pose2, height_m: float, robot: RobotModel) ->
     """Whether a part of a sole in the world is beyond the level that is meant."""
     half = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * np.array(robot.foot_m) / 2
     corners = sole.apply(half)
+    if abs(height_m) < LEVEL_M:  # the floor, which is wherever no level is
+        return any(
+            one.height_m > 0.0 and one.start_m < x < one.end_m and abs(y) < terrain.half_m
+            for one in terrain.levels
+            for x, y in corners
+        )
     for one in terrain.levels:
         if one.start_m <= sole.x < one.end_m and abs(one.height_m - height_m) < LEVEL_M:
             x, y = corners.T

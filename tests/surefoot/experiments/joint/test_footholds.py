@@ -24,6 +24,8 @@ def test_an_edge_is_missed_by_any_part_of_a_sole_or_where_the_level_is_not():
     assert missed(STEPS, Pose2(1.22, 0.0), 0.7, ROBOT)
     assert missed(STEPS, Pose2(1.15, 0.47), 0.7, ROBOT)
     assert missed(STEPS, Pose2(1.15, 0.0), 0.8, ROBOT)
+    assert not missed(STEPS, Pose2(1.15, 0.7), 0.0, ROBOT)  # on the floor beside them
+    assert missed(STEPS, Pose2(1.15, 0.53), 0.0, ROBOT)
 
 
 def test_true_surfaces_are_the_levels_as_a_foot_sees_them():
