@@ -233,8 +233,8 @@ def test_forbidden_pixels_agree_with_ray_casting(seed, pan, sides):
 
 def test_ray_casting_decides_almost_every_pixel():
     told = [bounds(seed, None, 0.0, (False, False)) for seed in SEEDS]
-    assert sum(low == high for low, high in told) >= 28
-    assert sum(math.isfinite(low) for low, _ in told) >= 20
+    assert np.mean([low == high for low, high in told]) >= 28 / 30
+    assert np.mean([math.isfinite(low) for low, _ in told]) >= 20 / 30
 
 
 @pytest.mark.parametrize("seed", range(6))
