@@ -6,6 +6,7 @@ Source: seeds 003 and 004 (cameras); the rest ours.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.settings import setting
@@ -186,20 +187,12 @@ def _described(config: RobotConfig, robot: Description) -> RobotConfig:
     config = replace(config, gait=gait_of(robot, config.gait), head=head_of(robot, config.head))
     tof, depth, stereo, colour = (robot.sensor(name) for name in SENSORS)
     if tof is not None:
-        pixels = replace(
-            config.tof_camera,
-            width=tof.width,
-            height=tof.height,
-            across_deg=tof.across_deg,
-            down_deg=tof.down_deg,
-        )
+        pixels = replace(config.tof_camera, **_view(tof), down_deg=tof.down_deg)
         config = replace(config, tof_camera=pixels, tof_mount_m=tof.at_m)
     if depth is not None:
         active = replace(
             config.depth_camera,
-            width=depth.width,
-            height=depth.height,
-            across_deg=depth.across_deg,
+            **_view(depth),
             down_deg=depth.down_deg,
             baseline_m=depth.baseline_m,
         )
@@ -219,10 +212,8 @@ def _described(config: RobotConfig, robot: Description) -> RobotConfig:
 
 
 def _pixels(camera: ImageConfig, sensor: Sensor) -> ImageConfig:
-    return replace(
-        camera,
-        width=sensor.width,
-        height=sensor.height,
-        across_deg=sensor.across_deg,
-        mount_m=sensor.at_m,
-    )
+    return replace(camera, **_view(sensor), mount_m=sensor.at_m)
+
+
+def _view(sensor: Sensor) -> dict[str, Any]:
+    return {"width": sensor.width, "height": sensor.height, "across_deg": sensor.across_deg}

@@ -10,7 +10,6 @@ Source: ours.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -27,11 +26,11 @@ from ._search_kernels import PLANE
 
 @dataclass(frozen=True)
 class FootNoise:
-    """Standard deviations of the place at which a foot lands, about its mark; the slip of one step."""
+    """Standard deviations of the place at which a foot lands, about its mark, as the localiser claims the slip of a step."""
 
-    ahead_m: float = 0.0015
-    across_m: float = 0.0006
-    yaw_rad: float = math.radians(0.6)
+    ahead_m: float
+    across_m: float
+    yaw_rad: float
 
     @property
     def variances(self) -> Float[np.ndarray, "3"]:
@@ -61,7 +60,7 @@ class Foothold:
 
 
 def chances(
-    surface: Surface, pose: Pose2, robot: RobotModel, noise: FootNoise | None = None
+    surface: Surface, pose: Pose2, robot: RobotModel, noise: FootNoise
 ) -> tuple[float, float]:
     """The chances that a sole there reaches beyond an edge (drop or rise), and beyond what was seen.
 
@@ -72,7 +71,7 @@ def chances(
         noise: Of the foot's place.
     """
     sides, _ = packed([surface])
-    variances = (noise or FootNoise()).variances
+    variances = noise.variances
     half = np.array(robot.foot_m) / 2
     missed, unseen = kernels.chances(
         sides, 0, len(sides), pose.x, pose.y, pose.yaw, half, variances, 1.0

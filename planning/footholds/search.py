@@ -104,8 +104,8 @@ def plan(
     goal: Float[np.ndarray, "2"],
     near_m: float,
     robot: RobotModel,
+    noise: FootNoise,
     config: FootholdConfig | None = None,
-    noise: FootNoise | None = None,
     ground: Terrain | None = None,
 ) -> FootstepPlan:
     """The next footsteps to a goal.
@@ -116,11 +116,11 @@ def plan(
         goal: (x, y), body frame, m.
         near_m: Distance from the frame between the feet to the goal at which it is reached.
         robot: Sole, stance, limits of steps.
-        config: Bound of the chances.
         noise: Of the place at which a foot lands.
+        config: Bound of the chances.
         ground: Cost of obstacles and movers, as of the search on flat ground, in the body frame.
     """
-    config, noise = config or FootholdConfig(), noise or FootNoise()
+    config = config or FootholdConfig()
     sides, planes = packed(surfaces)
     if not len(sides):
         return FootstepPlan((), (), PlanEnd.BORDER)

@@ -164,7 +164,7 @@ class GroundWalker:
         robot = self.config.robot_model
         found = plan(
             surfaces, Stance(self._foot, Pose2()), self.goal, NEAR_M, robot,
-            self.config.footholds, self.noise,
+            self.noise, self.config.footholds,
         )  # fmt: skip
         self.latest = found
         middle = np.array([0.0, -self._foot * robot.stance_m / 2])

@@ -18,6 +18,7 @@ ROBOT = RobotModel(
 )
 STANCE = Stance(-1, Pose2(0.0, -0.1))
 FIRM = FootNoise(1e-6, 1e-6, 1e-6)
+SLIPPING = FootNoise(0.0015, 0.0006, np.radians(0.6))
 
 
 def rectangle(x0, x1, z=0.0, borders=(1, 1, 1, 1), sigma_m=0.005, half=0.5) -> Surface:
@@ -95,7 +96,7 @@ def walked(ground, goal, stance=STANCE, config=None, steps=60):
     """The footholds and commands of a robot that plans anew at every step, and where the last plan ended."""
     done = []
     for _ in range(steps):
-        found = plan(ground, stance, np.array(goal), 0.1, ROBOT, config)
+        found = plan(ground, stance, np.array(goal), 0.1, ROBOT, SLIPPING, config)
         if not found.footholds:
             break
         first = found.footholds[0]
@@ -116,7 +117,9 @@ def test_stairs_are_walked_within_the_limits_of_the_robot(riser_m, tread_m):
         assert step.foot == -foot
         assert step.missed <= 0.01
         assert step.unseen <= 0.01
-        assert chances(ground[step.surface], step.pose, ROBOT)[0] == pytest.approx(step.missed)
+        assert chances(ground[step.surface], step.pose, ROBOT, SLIPPING)[0] == pytest.approx(
+            step.missed
+        )
         assert command.rise_m == pytest.approx(step.height_m - before)
         assert -ROBOT.steps.down_m <= command.rise_m <= ROBOT.steps.up_m
         assert (
@@ -144,7 +147,7 @@ def test_a_plan_ends_at_the_border_of_what_was_seen():
     assert end is PlanEnd.BORDER
     assert last.unseen <= 0.01
     assert 0.85 < last.pose.x < 0.91  # as near to the border as the sole may go
-    assert plan([], STANCE, np.array([2.0, 0.0]), 0.1, ROBOT).footholds == ()
+    assert plan([], STANCE, np.array([2.0, 0.0]), 0.1, ROBOT, SLIPPING).footholds == ()
 
 
 def test_a_hole_is_walked_round():
