@@ -6,7 +6,7 @@ import http.client
 import json
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -205,13 +205,22 @@ def test_a_walk_that_is_watched_and_paused_gives_the_same_bits(walk, tmp_path, m
     monkeypatch.setattr(report, "write_report", lambda folder: None)
     held: list[int] = []
     found: list[dict[str, Any]] = []
+    shows = [0, 0]  # begun, over
+    show = LivePage.show
+
+    def counted(page: LivePage, moment: Moment, stopped: Callable[[], bool]) -> None:
+        shows[0] += 1
+        show(page, moment, stopped)
+        shows[1] += 1
 
     def watch(page: LivePage) -> None:
         while len(found) < 4:
             found.extend(news(page, len(found))[1])
         ask(page, "/walk", {"paused": True})
-        for _ in range(3):  # until nothing more comes
+        waits = 0
+        while waits < 5:  # the frame that is being computed still comes
             found.extend(news(page, len(found))[1])
+            waits = waits + 1 if shows[0] == len(found) > shows[1] else 0
         held.append(len(found))
         held.append(len(found) + len(news(page, len(found))[1]))
         ask(page, "/walk", {"step": True})
@@ -229,6 +238,7 @@ def test_a_walk_that_is_watched_and_paused_gives_the_same_bits(walk, tmp_path, m
     pages: list[LivePage] = []
     make = LivePage.__init__
     monkeypatch.setattr(LivePage, "__init__", lambda page: (pages.append(page), make(page))[1])
+    monkeypatch.setattr(LivePage, "show", counted)
     monkeypatch.setattr(LivePage, "stay", lambda page: threads[0].join(20.0))  # until Ctrl-C
     monkeypatch.setattr(run_verbs, "open_in_browser", opened)
     words = ["simulate", "boxes", "--seed", "4", "--view", "--set", SETTINGS[0], "--out", str(tmp_path / "watched")]  # fmt: skip

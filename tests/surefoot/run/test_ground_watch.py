@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from mapping.ground.config import GroundConfig
+from perception.depth.points import from_depth
+from perception.floor.classify import FLOOR
 from perception.floor.segmented_view import SegmentedView
 from perception.primitives.camera import Camera
 from perception.primitives.frame import Depth, Frame, StepOdometry
@@ -26,9 +28,11 @@ def view(mounted):
     z = np.where(down > 0.3, 1.0 / down, np.nan).astype(np.float32)
     sigma = np.where(np.isfinite(z), np.float32(0.003), np.float32(np.nan))
     depth = Depth(z, sigma, CAMERA, mounted)
+    points = from_depth(depth, 0.1, 5.0)
+    ground = np.full(len(points), FLOOR)
     floor = Plane(np.array([0.0, 0.0, 1.0]), 0.0).moved(MOUNTED.inverse())
-    nothing = np.zeros((0, 3))
-    return SegmentedView("depth", depth, None, np.zeros(0), floor, 1.0, MOUNTED, nothing)  # type: ignore[arg-type]
+    upright = points.xyz @ MOUNTED.rotation.T + MOUNTED.translation
+    return SegmentedView("depth", depth, points, ground, floor, 1.0, MOUNTED, upright)
 
 
 def followed(mounted, enabled=True):
