@@ -32,7 +32,9 @@ class Normal(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def mark_range(
-    rgb: np.ndarray,
+    red: np.ndarray,
+    green: np.ndarray,
+    blue: np.ndarray,
     limits: Limits,
     low: Normal,
     high: Normal,
@@ -40,17 +42,14 @@ def mark_range(
 ) -> None:
     """Set out to 255 where a pixel lies in the range; `low` and `high` bound the hue by two half planes.
 
-    The colours of a row are parted first; then neither division nor branch, so that the loop vectorises.
+    It takes an image for each colour and has neither division nor branch, so that the loop vectorises.
     """
     height, width = out.shape
-    rs, gs, bs = np.empty(width, np.uint8), np.empty(width, np.uint8), np.empty(width, np.uint8)
     v0, v1, s0, s1, least = limits
     a0, a1, a2 = low
     b0, b1, b2 = high
     for y in range(height):
-        colours, line = rgb[y], out[y]
-        for x in range(width):
-            rs[x], gs[x], bs[x] = colours[x, 0], colours[x, 1], colours[x, 2]
+        rs, gs, bs, line = red[y], green[y], blue[y], out[y]
         for x in range(width):
             r, g, b = np.int32(rs[x]), np.int32(gs[x]), np.int32(bs[x])
             value = max(r, max(g, b))
@@ -177,37 +176,142 @@ def group_below(
                 break
 
 
-@njit(cache=True)
-def measure(labels: np.ndarray, boxes: np.ndarray, centroids: np.ndarray) -> None:
-    """Bounding box, area and centroid of every component, in one pass over the labels.
+@njit(cache=True, nogil=True)
+def find_runs(mask: np.ndarray, first: np.ndarray, begin: np.ndarray, end: np.ndarray) -> None:
+    """Runs of non-zero pixels of every row.
 
     Args:
-        labels: (h, w) from 0 on.
+        mask: (h, w).
+        first: (h + 1,) output: the first run of each row, and their number.
+        begin, end: Output: columns of each run, the last one not included.
+    """
+    rows, columns = mask.shape
+    count = 0
+    for v in range(rows):
+        line = mask[v]
+        first[v] = count
+        inside = False
+        for start in range(0, columns, RUN):
+            part = line[start : start + RUN]
+            every, some = np.uint8(255), np.uint8(0)
+            for x in range(part.size):
+                every &= part[x]
+                some |= part[x]
+            if (some == 0 and not inside) or (every != 0 and inside):
+                continue
+            for x in range(part.size):
+                if (part[x] != 0) != inside:
+                    if inside:
+                        end[count] = start + x
+                        count += 1
+                    else:
+                        begin[count] = start + x
+                    inside = not inside
+        if inside:
+            end[count] = columns
+            count += 1
+    first[rows] = count
+
+
+@njit(cache=True, nogil=True)
+def join_runs(
+    first: np.ndarray, begin: np.ndarray, end: np.ndarray, reach: int, number: np.ndarray
+) -> int:
+    """Number the components that the runs make, and return how many there are, with the background as number 0.
+
+    Args:
+        first, begin, end: As from `find_runs`.
+        reach: 0 if pixels side by side are neighbours, 1 if those at the corners are, too.
+        number: (n,) output: component of each run, in the order of OpenCV: by its first pixel, or by its first block of
+            2x2 pixels if neighbours meet at corners.
+    """
+    n = first[-1]
+    parent, key = np.empty(n, np.int64), np.empty(n, np.int64)
+    for i in range(n):
+        parent[i] = i
+    for v in range(1, len(first) - 1):
+        j = first[v - 1]
+        for i in range(first[v], first[v + 1]):
+            while j < first[v] and end[j] + reach <= begin[i]:
+                j += 1
+            k = j
+            while k < first[v] and begin[k] < end[i] + reach:
+                a, b = _root(parent, i), _root(parent, k)
+                parent[max(a, b)] = min(a, b)
+                k += 1
+    roots = 0
+    side = 1 + reach
+    for v in range(len(first) - 1):
+        for i in range(first[v], first[v + 1]):
+            place = (v // side << 32) + begin[i] // side
+            root = _root(parent, i)
+            if root == i:
+                key[i] = place
+                roots += 1
+            else:
+                key[root] = min(key[root], place)
+    own = np.empty(roots, np.int64)
+    k = 0
+    for i in range(n):
+        if parent[i] == i:
+            own[k] = i
+            k += 1
+    for rank, k in enumerate(np.argsort(key[own])):
+        number[own[k]] = rank + 1
+    for i in range(n):
+        number[i] = number[_root(parent, i)]
+    return roots + 1
+
+
+@njit(cache=True, nogil=True)
+def measure(
+    first: np.ndarray,
+    begin: np.ndarray,
+    end: np.ndarray,
+    number: np.ndarray,
+    labels: np.ndarray,
+    boxes: np.ndarray,
+    centroids: np.ndarray,
+) -> None:
+    """Paint every component, and take its bounding box, area and centroid.
+
+    Args:
+        first, begin, end, number: As from `find_runs` and `join_runs`.
+        labels: (h, w) output; 0 before.
         boxes: (n, 5) output: left, top, width, height, area, as in OpenCV.
-        centroids: (n, 2) output: mean column and row.
+        centroids: (n, 2) output: mean column and row; 0 before.
     """
     rows, columns = labels.shape
     boxes[:, 0], boxes[:, 1] = columns, rows
     boxes[:, 2:] = 0
     sums = np.zeros((len(boxes), 2), np.int64)
     for v in range(rows):
-        u = 0
-        while u < columns:  # one run of equal labels at a time
-            label = labels[v, u]
-            begin = u
-            while u < columns and labels[v, u] == label:
-                u += 1
-            many = u - begin
-            boxes[label, 0] = min(boxes[label, 0], begin)
-            boxes[label, 1] = min(boxes[label, 1], v)
-            boxes[label, 2] = max(boxes[label, 2], u)
-            boxes[label, 3] = max(boxes[label, 3], v + 1)
-            boxes[label, 4] += many
-            sums[label, 0] += many * (begin + u - 1) // 2
-            sums[label, 1] += many * v
+        free = 0  # where the background may go on
+        for i in range(first[v], first[v + 1] + 1):
+            last = i == first[v + 1]
+            left = columns if last else begin[i]
+            if left > free:
+                _extend(boxes, sums, 0, v, free, left)
+            if not last:
+                free = end[i]
+                labels[v, left:free] = number[i]
+                _extend(boxes, sums, number[i], v, left, free)
     for k in range(len(boxes)):
         boxes[k, 2] -= boxes[k, 0]
         boxes[k, 3] -= boxes[k, 1]
         if boxes[k, 4] > 0:
             centroids[k, 0] = sums[k, 0] / boxes[k, 4]
             centroids[k, 1] = sums[k, 1] / boxes[k, 4]
+
+
+@njit(cache=True, nogil=True)
+def _extend(boxes: np.ndarray, sums: np.ndarray, label: int, v: int, begin: int, end: int) -> None:
+    """Add a run to a component; width and height of its box still hold its right and lower border."""
+    many = end - begin
+    boxes[label, 0] = min(boxes[label, 0], begin)
+    boxes[label, 1] = min(boxes[label, 1], v)
+    boxes[label, 2] = max(boxes[label, 2], end)
+    boxes[label, 3] = max(boxes[label, 3], v + 1)
+    boxes[label, 4] += many
+    sums[label, 0] += many * (begin + end - 1) // 2
+    sums[label, 1] += many * v

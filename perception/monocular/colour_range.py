@@ -197,7 +197,7 @@ def mark(
     else:
         low = _hue_plane(colours.hue_deg - colours.hue_half_deg, 1.0)
         high = _hue_plane(colours.hue_deg + colours.hue_half_deg, -1.0)
-    kernels.mark_range(rgb, limits, low, high, mask)
+    kernels.mark_range(*cv2.split(rgb), limits, low, high, mask)
 
 
 def _warmth_plane(warmth: float, side: float) -> kernels.Normal:

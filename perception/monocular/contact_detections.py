@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8, UInt16
+from jaxtyping import Bool, Float, Int, UInt8
 
 from ..obstacles.track import Detection
 from ..primitives.obstacle import Obstacle
@@ -156,7 +156,7 @@ def _fill_small_regions(
 
 def _contact_points(
     edge: Int[np.ndarray, "m 2"],
-    labels: UInt16[np.ndarray, "h w"],
+    labels: Int[np.ndarray, "h w"],
     boxes: Int[np.ndarray, "k 5"],
     picture: Picture,
 ) -> Float[np.ndarray, "n 2"]:
