@@ -1,16 +1,15 @@
 """Gait: the linear inverted pendulum walks over the commanded footprints.
 
-The body is a pendulum of constant height over the zero moment point (ZMP) p. Its divergent component, the capture
-point xi = c + c'/w, obeys xi' = w (xi - p) and is computed backwards from the end of a preview that repeats the step.
-The centre of mass follows it: c' = w (xi - c). Between knots the ZMP is linear in time, so both have closed forms.
+The body is a pendulum over the zero moment point (`pendulum`). Its capture point xi is computed backwards from the end of a
+preview that repeats the step, and the centre of mass follows it: c' = w (xi - c). Between knots the ZMP is linear in time, so
+both have closed forms.
 
 A step starts with its double support: the command moves the walking frame, the weight shifts onto the stance foot
 (T_DS), then the swing foot moves to its side of the frame (T_SS). To another level it rises first, above the higher of both
 levels, then moves ahead, then comes down. The trajectories are exact; slip, backlash and sway
 belong to the bodies.
 
-Source: Han et al. 2018 (seed 000), section 2.1 (footstep command); Kajita et al. 2001 (pendulum); Pratt et al. 2006
-(capture point).
+Source: Han et al. 2018 (seed 000), section 2.1 (footstep command); Kajita et al. 2001 (pendulum).
 """
 
 from __future__ import annotations
@@ -26,8 +25,8 @@ from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import WalkCommand
 
 from ..ranges import check_ranges
+from .pendulum import GRAVITY_MPS2, Phase, capture_point_before
 
-GRAVITY_MPS2 = 9.81
 EDGE = (
     0.25  # ours: share of the swing before and after the motion ahead, on the way to another level
 )
@@ -161,56 +160,6 @@ class Step:
     def ticks(self) -> int:
         """Number of ticks of the step."""
         return len(self.progress)
-
-
-@dataclass(frozen=True, eq=False)
-class Phase:
-    """A time interval over which the ZMP moves at constant velocity from start to end, m."""
-
-    start: Float[np.ndarray, "2"]
-    end: Float[np.ndarray, "2"]
-    duration_s: float
-
-
-def capture_point_before(
-    after: Float[np.ndarray, "2"],
-    phase: Phase,
-    remaining_s: float | Float[np.ndarray, "n"],
-    omega: float,
-) -> Float[np.ndarray, "*n 2"]:
-    """Capture point some time before the end of a phase: xi' = w (xi - p) solved backwards.
-
-    Args:
-        after: xi at the end of the phase, m.
-        phase: Motion of the ZMP.
-        remaining_s: Time to the end; for an array of times the result has one row each.
-        omega: w = sqrt(g / height), 1/s.
-    """
-    speed = (phase.end - phase.start) / phase.duration_s
-    left = np.asarray(remaining_s)[..., None]
-    zmp = phase.end - speed * left
-    away = after - phase.end - speed / omega
-    return np.asarray(zmp + speed / omega + away * _exp(-omega * left))
-
-
-def _exp(values: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-    """Exponentials whose last bit, unlike that of NumPy, does not depend on the processor."""
-    return np.array([math.exp(value) for value in values.flat]).reshape(values.shape)
-
-
-def pendulum(
-    position: float, velocity: float, zmp: float, seconds: float, height_m: float
-) -> tuple[float, float]:
-    """Position and velocity of the pendulum over a fixed ZMP after some time.
-
-    Source: seed 000, section 3 (x(t) and x'(t), T_c = sqrt(z_c / g)).
-    """
-    T_c = math.sqrt(height_m / GRAVITY_MPS2)
-    c, s = math.cosh(seconds / T_c), math.sinh(seconds / T_c)
-    return (
-        (position - zmp) * c + T_c * velocity * s + zmp,
-        (position - zmp) / T_c * s + velocity * c,
-    )
 
 
 def smooth(share: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:

@@ -13,7 +13,7 @@ from perception.primitives.pose import times, wrap_angle
 from perception.primitives.settings import setting
 
 from ..ranges import check_ranges
-from .gait import GRAVITY_MPS2
+from .pendulum import GRAVITY_MPS2
 
 
 @dataclass(frozen=True)

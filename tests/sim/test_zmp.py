@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.commands import WalkCommand
-from sim.body.gait import GRAVITY_MPS2, Gait, GaitConfig
+from sim.body.gait import Gait, GaitConfig
+from sim.body.pendulum import GRAVITY_MPS2
 
 CONFIG = GaitConfig()
 OMEGA = math.sqrt(GRAVITY_MPS2 / CONFIG.com_height_m)

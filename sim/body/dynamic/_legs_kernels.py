@@ -10,7 +10,7 @@ import numpy as np
 
 from perception.primitives.compiled import njit
 
-from ..gait import GRAVITY_MPS2
+from ..pendulum import GRAVITY_MPS2
 
 MOST_SHOCK = (
     1.0  # ours: limit of the accelerometer's deviation from the vertical, multiples of gravity

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from ..gait import GRAVITY_MPS2
+from ..pendulum import GRAVITY_MPS2
 from .balance import TILT_MEMORY, BalanceConfig
 
 STEP_GAIN = 2.0  # ours: the error grows until the foot lands

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...shapes import Box, Cylinder, Shape, Solid
-from ..gait import GRAVITY_MPS2
+from ..pendulum import GRAVITY_MPS2
 from .anatomy import Link, links
 from .physics import FRICTION, SPIN_M, Stage, convex
 from .urdf import REACH_RAD, box_inertia

@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from perception.primitives.pose import Pose3, times
 
-from ..gait import GRAVITY_MPS2
+from ..pendulum import GRAVITY_MPS2
 from .anatomy import links
 from .mjcf import DAMPING_S, STIFFNESS, mjcf
 from .physics import Stage

@@ -24,7 +24,7 @@ from perception.primitives.pose import Pose3, times
 from ... import bullet
 from ...rendering.renderer import silenced_output
 from ...shapes import Box, Solid
-from ..gait import GRAVITY_MPS2
+from ..pendulum import GRAVITY_MPS2
 from .anatomy import links
 from .physics import FRICTION, SPIN_M, Stage, convex
 from .urdf import robot_urdf, static_urdf

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2
 from planning.commands import WalkCommand
-from sim.body.gait import GRAVITY_MPS2, Gait, GaitConfig, Phase, capture_point_before, pendulum
+from sim.body.gait import Gait, GaitConfig
+from sim.body.pendulum import GRAVITY_MPS2, Phase, capture_point_before, pendulum
 
 CONFIG = GaitConfig()
 TICKS = 130  # 0.65 s at 5 ms

@@ -19,7 +19,8 @@ from sim.body.dynamic.balance import (
 )
 from sim.body.dynamic.legs import Legs
 from sim.body.dynamic.odometry import FootToFootOdometry
-from sim.body.gait import GRAVITY_MPS2, Gait, GaitConfig
+from sim.body.gait import Gait, GaitConfig
+from sim.body.pendulum import GRAVITY_MPS2
 
 TICK_S = 0.005
 

@@ -9,7 +9,7 @@ from perception.primitives.pose import Pose2
 from planning.commands import WalkCommand
 from sim.body.dynamic.balance import BalanceConfig
 from sim.body.dynamic.capture import STEP_GAIN, CapturePoint
-from sim.body.gait import pendulum
+from sim.body.pendulum import pendulum
 
 HEIGHT_M = 0.215
 RECOVERS = BalanceConfig()

@@ -19,7 +19,7 @@ from sim.body.dynamic.config import DynamicConfig
 from sim.body.dynamic.engines import begin
 from sim.body.dynamic.legs import Legs
 from sim.body.dynamic.physics import ENGINES, Physics, Stage
-from sim.body.gait import GRAVITY_MPS2
+from sim.body.pendulum import GRAVITY_MPS2
 from sim.robot import SimulatedRobot
 from sim.robot_config import RobotConfig
 from sim.scene import FloorArea, Scene, StaticObject
