@@ -21,6 +21,9 @@ RUNS ?= runs
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export NUMBA_THREADING_LAYER := workqueue
+# glibc keeps the memory of freed images; given back, every new one is zeroed page by page
+export MALLOC_MMAP_THRESHOLD_ := 4294967296
+export MALLOC_TRIM_THRESHOLD_ := 4294967296
 export SUREFOOT_DATA ?= $(abspath ../shared/data)
 
 help:  ## what can be made

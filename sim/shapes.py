@@ -176,8 +176,9 @@ def distance(shape: Shape, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray
         return np.concatenate([_polygon_distance(corners, points[k : k + _CHUNK]) for k in chunks])
     c, s = math.cos(shape.yaw_rad), math.sin(shape.yaw_rad)
     local = np.abs(offset @ np.array([[c, -s], [s, c]])) - np.array(shape.size[:2]) / 2
-    outside = np.hypot(np.maximum(local[:, 0], 0.0), np.maximum(local[:, 1], 0.0))
-    return np.asarray(outside + np.minimum(local.max(axis=1), 0.0))
+    along, across = local[:, 0], local[:, 1]
+    outside = np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0))
+    return np.asarray(outside + np.minimum(np.maximum(along, across), 0.0))
 
 
 def convex_gap(a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "m 2"]) -> float:

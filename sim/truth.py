@@ -154,7 +154,10 @@ class Truth:
         covered = (x < x0) | (x > x1) | (y < y0) | (y > y1)
         for _, shape in self._scene.static_shapes + self._moving_shapes():
             if shape.bottom_m < self._top_m:
-                covered |= distance(shape, points) < 0.0
+                corners = outline(shape)
+                (left, low), (right, high) = corners.min(axis=0), corners.max(axis=0)
+                near = np.flatnonzero((x >= left) & (x <= right) & (y >= low) & (y <= high))
+                covered[near] |= distance(shape, points[near]) < 0.0
         return np.asarray(covered)
 
     def _moving_shapes(self) -> list[tuple[str, Shape]]:

@@ -22,7 +22,9 @@ WORKED = sorted(path.stem for path in (ROOT / "examples").glob("*.py"))
 
 @pytest.fixture(autouse=True)
 def _here(monkeypatch):
+    """In the checkout, and without reports, which nobody looks at here."""
     monkeypatch.chdir(ROOT)
+    monkeypatch.setattr("surefoot.report.page.write_report", lambda run: run.path("report.html"))
     monkeypatch.setattr(sys, "path", [str(ROOT), *sys.path])
 
 

@@ -73,7 +73,13 @@ def paint(
     image = np.empty((height, width, 3), np.float32)
     image[:] = PALETTE[colour]
     painted = KINDS[kind](image, metres_per_px, rng)
-    return np.clip(painted, 0, 255).astype(np.uint8)
+    return np.clip(painted, 0, 255, out=painted).astype(np.uint8)
+
+
+def times(image: Image, factor: Float32[np.ndarray, "h w"]) -> Image:
+    """The image, every pixel times its factor; several times faster than by broadcasting over three colours."""
+    lit = cv2.merge([factor, factor, factor])
+    return np.asarray(cv2.multiply(image, lit, lit))
 
 
 def noise(
@@ -105,7 +111,9 @@ def noise(
         if feature < max(finest_m, metres_per_px) or (rows, columns) == shape:
             break
     total = cv2.resize(total, (width, height), interpolation=cv2.INTER_LINEAR)
-    return np.asarray((total - total.mean()) / max(float(total.std()), 1e-6), dtype=np.float32)
+    total -= total.mean()
+    total /= max(float(np.sqrt(np.mean(np.square(total)))), 1e-6)
+    return total
 
 
 def _plain(image: Image, px_m: float, rng: np.random.Generator) -> Image:
@@ -115,7 +123,9 @@ def _plain(image: Image, px_m: float, rng: np.random.Generator) -> Image:
 
 def _plaster(image: Image, px_m: float, rng: np.random.Generator) -> Image:
     mottled = noise(image.shape[:2], px_m, rng, 0.25)
-    return image + 9.0 * mottled[..., None] * np.array([1.0, 0.98, 0.9], np.float32)
+    mottled *= np.float32(9.0)
+    tint = cv2.merge([np.float32(share) * mottled for share in (1.0, 0.98, 0.9)])
+    return np.asarray(cv2.add(image, tint, tint))
 
 
 def _wall(image: Image, px_m: float, rng: np.random.Generator) -> Image:
@@ -132,13 +142,13 @@ def _wall(image: Image, px_m: float, rng: np.random.Generator) -> Image:
 
 def _fabric(image: Image, px_m: float, rng: np.random.Generator) -> Image:
     woven = noise(image.shape[:2], px_m, rng, 0.2)
-    return image * (1 + 0.16 * woven)[..., None]
+    return times(image, 1 + 0.16 * woven)
 
 
 def _wood(image: Image, px_m: float, rng: np.random.Generator) -> Image:
     veins = noise(image.shape[:2], px_m, rng, 0.03, stretch=10.0)
     pores = noise(image.shape[:2], px_m, rng, 0.06, stretch=2.0)
-    return image * (1 + 0.10 * veins + 0.08 * pores)[..., None]
+    return times(image, 1 + 0.10 * veins + 0.08 * pores)
 
 
 def _planks(image: Image, px_m: float, rng: np.random.Generator) -> Image:
@@ -227,7 +237,7 @@ def _books(image: Image, px_m: float, rng: np.random.Generator) -> Image:
 
 
 def _cardboard(image: Image, px_m: float, rng: np.random.Generator) -> Image:
-    image = image * (1 + 0.09 * noise(image.shape[:2], px_m, rng, 0.15))[..., None]
+    image = times(image, 1 + 0.09 * noise(image.shape[:2], px_m, rng, 0.15))
     height, width = image.shape[:2]
     tape = max(2, round(0.025 / px_m))
     image[:, width // 2 - tape : width // 2 + tape] *= np.array([1.12, 1.08, 0.95], np.float32)
@@ -237,13 +247,13 @@ def _cardboard(image: Image, px_m: float, rng: np.random.Generator) -> Image:
 
 def _leaves(image: Image, px_m: float, rng: np.random.Generator) -> Image:
     clumps = noise(image.shape[:2], px_m, rng, 0.12)
-    return image * (1 + 0.38 * clumps)[..., None] * np.array([0.95, 1.05, 0.9], np.float32)
+    return times(image, 1 + 0.38 * clumps) * np.array([0.95, 1.05, 0.9], np.float32)
 
 
 def _stripes(image: Image, px_m: float, rng: np.random.Generator) -> Image:
     """A painted casing with bands and scratches, for moving robots."""
     height = image.shape[0]
-    image = image * (1 + 0.10 * noise(image.shape[:2], px_m, rng, 0.08))[..., None]
+    image = times(image, 1 + 0.10 * noise(image.shape[:2], px_m, rng, 0.08))
     for where, thick in ((0.18, 0.10), (0.62, 0.05)):
         image[int(where * height) : int((where + thick) * height)] *= np.float32(0.35)
     return image

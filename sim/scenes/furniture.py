@@ -250,7 +250,10 @@ def _fits(
     if gap < passage:
         return False
     own = np.concatenate([_rim(part) for part in piece.static_object.parts])
-    gap = min(gap, *(_gap(shape, own) for shape in taken))
+    for shape in taken:
+        gap = min(gap, _gap(shape, own))
+        if gap < passage:
+            return False
     if piece.model.wall:
         return gap >= passage and (gap >= passage_m or gap < 0.30)
     to_wall = min(

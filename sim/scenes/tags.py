@@ -107,6 +107,10 @@ def _inside(shape: Shape, extent: Extent) -> bool:
 def _spots(extent: Extent, shapes: list[Shape]) -> list[_Spot]:
     """Spots every 30 cm along vertical faces that can carry a plate and are not covered by another shape."""
     spots = []
+    middles = np.array([shape.centre[:2] for shape in shapes]).reshape(-1, 2)
+    reaches = np.array(
+        [np.hypot(*(outline(one) - m).T).max() for one, m in zip(shapes, middles, strict=True)]
+    )
     for box in shapes:
         if not isinstance(box, Box) or box.top_m < 0.20 + PLATE_M or box.bottom_m > 0.1:
             continue
@@ -125,7 +129,9 @@ def _spots(extent: Extent, shapes: list[Shape]) -> list[_Spot]:
             reach = (width - PLATE_M) / 2 - 0.01
             for shift in np.linspace(-reach, reach, max(1, int(2 * reach / 0.30) + 1)):
                 at = np.array(box.centre[:2]) + ahead * depth / 2 + along * float(shift)
-                if _uncovered(at, ahead, along, height, extent, shapes, box):
+                near = np.hypot(*(middles - at).T) < reaches + 2.0 * PLATE_M
+                close = [shapes[k] for k in np.flatnonzero(near)]
+                if _uncovered(at, ahead, along, height, extent, close, box):
                     spots.append(_Spot((float(at[0]), float(at[1]), height), normal))
     return spots
 

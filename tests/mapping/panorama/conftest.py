@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
 import pytest
 
+from mapping.panorama.stitching import StitchConfig, place
 from mapping.panorama.views import head_directions, view_of_depth
 from perception.depth import time_of_flight
 from perception.primitives.frame import RangeView
@@ -28,6 +30,7 @@ def look_round():
     from sim.scenes import catalogue
     from sim.sensors.tof_camera import TofCamera, TofConfig
 
+    @functools.cache
     def look(scene_name, seed, error_deg, walk_m=0.0):
         scene = catalogue.load(scene_name, seed)
         caster = rays.RayCaster(scene)
@@ -47,3 +50,15 @@ def look_round():
         return views, true
 
     return look
+
+
+@pytest.fixture(scope="session")
+def placed_round(look_round):
+    """Function of scene and seed to nine views, their true poses, and how `place` placed them by default."""
+
+    @functools.cache
+    def placed(scene_name, seed):
+        views, true = look_round(scene_name, seed, 0.5)
+        return views, true, place(views, np.random.default_rng(0), StitchConfig())
+
+    return placed

@@ -38,12 +38,12 @@ EXACT = RobotConfig(
     sway=SwayConfig(0.0, 0.0, 0.0, 0.0),
     head=HeadConfig(encoder_deg=0.0, offset_deg=0.0),
 )
-EXTENT = (-2.0, -4.0, 6.0, 4.0)
+EXTENT = (-0.3, -1.2, 2.2, 1.2)
 
 
-def scene_with(*static_objects, moving_objects=()):
-    floor = (FloorArea("plain/grey", EXTENT),)
-    return Scene("test", 0, EXTENT, floor, static_objects, moving_objects, (), Pose2(), ())
+def scene_with(*static_objects, moving_objects=(), extent=EXTENT):
+    floor = (FloorArea("plain/grey", extent),)
+    return Scene("test", 0, extent, floor, static_objects, moving_objects, (), Pose2(), ())
 
 
 def tags():
@@ -159,8 +159,8 @@ def test_invalid_cameras_are_refused(changed, said):
 def edge():
     """White from y = 0 to the left, black to the right, 2 m ahead, without texture."""
     halves = [
-        StaticObject(name, (Box((2.1, y, 1.0), (0.2, 4.0, 4.0), 0.0, f"plain/{name}"),))
-        for name, y in (("white", 2.0), ("navy", -2.0))
+        StaticObject(name, (Box((2.1, y, 1.0), (0.2, 2.0, 2.0), 0.0, f"plain/{name}"),))
+        for name, y in (("white", 1.0), ("navy", -1.0))
     ]
     return scene_with(*halves)
 
@@ -202,7 +202,8 @@ def test_moving_objects_are_blurred_too():
     body = Cylinder((0.0, 0.0, 0.5), 0.2, 1.0, "plain/navy")
     moving_object = MovingObject("fast", (2.0, -1.0), math.pi / 2, 0.5, 4.0, (body,))
     wall = StaticObject("wall", (Box((4.0, 0.0, 1.0), (0.2, 8.0, 4.0), 0.0, "plain/white"),))
-    with World(scene_with(wall, moving_objects=(moving_object,)), "tiny") as world:
+    scene = scene_with(wall, moving_objects=(moving_object,), extent=(-0.3, -1.2, 4.0, 1.2))
+    with World(scene, "tiny") as world:
         (x, y, _, vy) = world.moving_states()[0]
         aim = Pose3.from_rotation(head_rotation(math.atan2(y, x), 0.0), AHEAD.position)
         rng = np.random.default_rng(0)
@@ -218,7 +219,7 @@ def test_moving_objects_are_blurred_too():
 
 def test_gain_scales_brightness_and_noise_and_saturates():
     dark = scene_with(
-        StaticObject("wall", (Box((2.1, 0.0, 1.0), (0.2, 8.0, 8.0), 0.0, "plain/slate"),))
+        StaticObject("wall", (Box((2.1, 0.0, 1.0), (0.2, 3.0, 3.0), 0.0, "plain/slate"),))
     )
     with World(dark, "tiny") as world:
         pictures = {

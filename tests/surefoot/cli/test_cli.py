@@ -349,15 +349,16 @@ def test_the_recording_toml_of_the_readme_works_as_pasted(tmp_path):
 @pytest.mark.parametrize(
     ("verb", "words", "expected", "ends"),
     [
-        ("map", ("--voxel", "0.04"), {"surface.voxel_m": 0.04}, 0),
+        ("map", ("--voxel", "0.08"), {"surface.voxel_m": 0.08}, 0),
         ("panorama", ("--views", "3"), {"panorama.most_views": 3}, 0),
         # the head looks elsewhere in each of three views, so that pictures alone cannot place them
         ("panorama", ("--by-pictures", "--views", "3"), {"panorama.by_pictures": True}, 1),
     ],
 )
-def test_a_run_repeats_from_its_config(tmp_path, verb, words, expected, ends):
+def test_a_run_repeats_from_its_config(tmp_path, verb, words, expected, ends, pages):
     out, again = tmp_path / "run", tmp_path / "again"
-    code, shown = call(verb, WALK, "--out", out, *words)
+    with pages():
+        code, shown = call(verb, WALK, "--out", out, *words)
     assert code == ends, shown
     assert ("only 1 of 3 views could be placed" in shown) == (ends == 1)
     config = toml.read(Config, out / "config.toml")
@@ -453,7 +454,7 @@ def test_a_report_is_opened_quietly_and_only_on_a_desktop(tmp_path, monkeypatch)
     assert given["stderr"] == terminal.subprocess.DEVNULL
 
 
-def test_evaluate_judges_a_foreign_trajectory_and_says_the_factor(tmp_path):
+def test_evaluate_judges_a_foreign_trajectory_and_says_the_factor(tmp_path, pages):
     rng = np.random.default_rng(0)
     n = 300
     stamps = 0.1 * np.arange(n)
@@ -465,7 +466,8 @@ def test_evaluate_judges_a_foreign_trajectory_and_says_the_factor(tmp_path):
     np.savetxt(tmp_path / "cov.csv", np.tile(1e-4 * np.eye(3).ravel(), (n, 1)), delimiter=",")
     files = ("--trajectory", tmp_path / "found.txt", "--truth", tmp_path / "true.txt")
     claims = ("--covariance", tmp_path / "cov.csv", "--out", tmp_path / "out")
-    code, shown = call("evaluate", *files, *claims)
+    with pages():
+        code, shown = call("evaluate", *files, *claims)
     assert code == 0
     assert "claims: too sure by a factor of 3." in shown or "by a factor of 2.9" in shown
     assert "errors are taken to be independent" in shown

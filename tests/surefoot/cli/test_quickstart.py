@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
@@ -18,10 +20,14 @@ PACKAGED = Path(str(resources.files("surefoot"))) / "quickstart"
 
 
 @pytest.fixture(scope="module")
-def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
+def shown(
+    tmp_path_factory: pytest.TempPathFactory, pages: Callable[..., Any]
+) -> tuple[Path, Result]:
     """Run folder and output of the verb."""
     out = tmp_path_factory.mktemp("quickstart") / "run"
-    return out, CliRunner().invoke(main, ["quickstart", "--out", str(out)], catch_exceptions=False)
+    words = ["quickstart", "--out", str(out)]
+    with pages():
+        return out, CliRunner().invoke(main, words, catch_exceptions=False)
 
 
 def test_the_recording_in_the_package_is_below_two_megabytes():

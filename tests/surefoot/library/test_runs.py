@@ -16,8 +16,10 @@ WALK = Path(__file__).resolve().parents[3] / "data" / "walk"
 
 
 @pytest.fixture(scope="module")
-def processed() -> surefoot.Run:
-    return surefoot.evaluate(surefoot.process(WALK))
+def processed(pages) -> surefoot.Run:
+    run = surefoot.process(WALK)
+    with pages():
+        return surefoot.evaluate(run)
 
 
 def test_a_processed_recording_is_there_as_arrays(processed):
@@ -128,9 +130,14 @@ def test_unknown_names_are_refused():
 
 
 @pytest.mark.parametrize("verb", ["map", "panorama", "monocular"])
-def test_the_offline_verbs_return_their_runs(verb):
-    settings = {"surface.voxel_m": 0.05} if verb == "map" else {}
-    run = getattr(surefoot, verb)(WALK, settings=settings)
+def test_the_offline_verbs_return_their_runs(verb, pages):
+    settings = {
+        "map": {"surface.voxel_m": 0.08},
+        "panorama": {"panorama.most_views": 3},
+        "monocular": {},
+    }
+    with pages():
+        run = getattr(surefoot, verb)(WALK, settings=settings[verb])
     assert run.summary["kind"] == verb
     assert run.summary["frames"] > 0
     assert run.report.is_file()

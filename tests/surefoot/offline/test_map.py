@@ -54,7 +54,7 @@ def quiet(text):
 
 
 @pytest.fixture(scope="module")
-def cabinet(recordings, tmp_path_factory):
+def cabinet(recordings, tmp_path_factory, pages):
     """A box on a bare floor, its recording without any pose; and the true trajectory."""
     source, folder = recordings / "tum_fr3_cabinet", tmp_path_factory.mktemp("cabinet")
     truth = source / "groundtruth.txt"
@@ -65,7 +65,8 @@ def cabinet(recordings, tmp_path_factory):
         shutil.copytree(source / part, folder / part)
     said = []
     job = Job.open("map", folder, None, Config(), folder / "map")
-    mapped = map_recording(job, said.append)
+    with pages():
+        mapped = map_recording(job, said.append)
     return mapped, Path(mapped.folder), truth, said
 
 

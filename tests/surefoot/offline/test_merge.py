@@ -25,7 +25,6 @@ from surefoot.offline.merge import merge
 from surefoot.recordings.codec import encode
 from surefoot.recordings.mcap_format import RecordingWriter
 from surefoot.recordings.recording import RecordingInfo
-from surefoot.report import page
 from surefoot.results.run_folder import RunFolder
 from surefoot.results.tables import read_tum
 
@@ -90,20 +89,19 @@ def walked(path, boxes, paint, begin, seed):
 def maps(tmp_path_factory):
     """Two sessions of a room in which a box was moved, and one of another room."""
     place = tmp_path_factory.mktemp("sessions")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(page, "write_report", lambda run: None)
-        return [
-            walked(place / "monday", [ROOM, CUPBOARD, BOX], 3, 0, 1),
-            walked(place / "tuesday", [ROOM, CUPBOARD, MOVED], 3, 4, 2),
-            walked(place / "elsewhere", [OTHER, BOX], 8, 2, 3),
-        ]
+    return [
+        walked(place / "monday", [ROOM, CUPBOARD, BOX], 3, 0, 1),
+        walked(place / "tuesday", [ROOM, CUPBOARD, MOVED], 3, 4, 2),
+        walked(place / "elsewhere", [OTHER, BOX], 8, 2, 3),
+    ]
 
 
 @pytest.fixture(scope="module")
-def merged(maps, tmp_path_factory):
+def merged(maps, tmp_path_factory, pages):
     """The three merged."""
     out = tmp_path_factory.mktemp("out") / "merged"
-    return merge(maps, out, quiet), out
+    with pages():
+        return merge(maps, out, quiet), out
 
 
 def true_poses(maps, out):
@@ -172,8 +170,7 @@ def test_it_is_a_map_folder_with_a_picture_of_the_sessions(merged):
     assert P[-1] > P[0]
 
 
-def test_any_order_gives_the_same_bytes(maps, merged, tmp_path, monkeypatch):
-    monkeypatch.setattr(page, "write_report", lambda run: None)
+def test_any_order_gives_the_same_bytes(maps, merged, tmp_path):
     merge([maps[2], maps[1], maps[0]], tmp_path / "again", quiet)
     for name in SAME:
         assert (tmp_path / "again" / name).read_bytes() == (merged[1] / name).read_bytes(), name

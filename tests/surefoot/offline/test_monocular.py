@@ -165,8 +165,9 @@ def test_colour_with_poses_and_without_depth_is_processed_but_not_compared(world
     assert "iou" not in content
 
 
-def test_every_frame_gives_a_picture_of_its_stages_and_the_summary_the_iou(tmp_path):
-    content = run_monocular(job(Scene(), tmp_path / "run"), quiet)
+def test_every_frame_gives_a_picture_of_its_stages_and_the_summary_the_iou(tmp_path, pages):
+    with pages():
+        content = run_monocular(job(Scene(), tmp_path / "run"), quiet)
     names = [p.name for p in sorted((tmp_path / "run").glob("stages-*.png"))]
     assert names == [f"stages-{k:06d}.png" for k in range(4)]
     assert cv2.imread(str(tmp_path / "run" / names[0])) is not None

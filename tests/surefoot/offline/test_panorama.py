@@ -119,8 +119,9 @@ def test_rows_of_boxes_and_the_gap_between_them_are_found_at_their_true_edges(
     assert 0.2 < floor.mean() < 0.8  # the floor is at height 0, boxes and walls are not
 
 
-def test_a_frame_becomes_a_view_when_the_camera_has_turned_or_moved(carried, tmp_path):
-    content = run_panorama(job(carried, tmp_path / "a", turn_deg=20.0, step_m=9.0), quiet)
+def test_a_frame_becomes_a_view_when_the_camera_has_turned_or_moved(carried, tmp_path, pages):
+    with pages():
+        content = run_panorama(job(carried, tmp_path / "a", turn_deg=20.0, step_m=9.0), quiet)
     assert [view["frame"] for view in content["views"]] == [0, 4, 8, 12]  # 6 deg a frame
     written = list(
         read_moments(RunFolder(tmp_path / "a"))

@@ -23,12 +23,6 @@ TABLES = (
 
 
 @pytest.fixture
-def without_report(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs draw no report, which takes seconds: for tests that look at other files."""
-    monkeypatch.setattr("surefoot.report.page.write_report", lambda run: None)
-
-
-@pytest.fixture
 def assert_same() -> Callable[[Path, Path], None]:
     """Asserts that two run folders hold the same estimates and maps, bit for bit."""
 
@@ -49,7 +43,7 @@ def assert_same() -> Callable[[Path, Path], None]:
 
 @pytest.fixture
 def assert_same_offline(
-    assert_same: Callable[[Path, Path], None], tmp_path: Path, without_report: None
+    assert_same: Callable[[Path, Path], None], tmp_path: Path
 ) -> Callable[[Path], None]:
     """Asserts that the recording of a live run, processed with its settings, gives the same."""
 

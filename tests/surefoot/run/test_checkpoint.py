@@ -99,7 +99,6 @@ def short(tmp_path_factory):
     return path
 
 
-@pytest.mark.usefixtures("without_report")
 def test_a_run_that_was_killed_gives_what_an_undisturbed_one_gives(tmp_path, monkeypatch):
     process.process(WALK, None, Config(), tmp_path / "whole", quiet)
     monkeypatch.setattr(checkpoint, "EVERY_S", 0.0)
@@ -113,7 +112,6 @@ def test_a_run_that_was_killed_gives_what_an_undisturbed_one_gives(tmp_path, mon
     assert not list((tmp_path / "cut").glob(".checkpoint*"))
 
 
-@pytest.mark.usefixtures("without_report")
 def test_a_run_that_was_killed_while_closing_resumes_too(short, tmp_path, monkeypatch):
     process.process(short, None, Config(), tmp_path / "whole", quiet)
     whole = contents(tmp_path / "whole")
@@ -141,7 +139,6 @@ def test_a_run_that_was_killed_while_closing_resumes_too(short, tmp_path, monkey
     assert phase > 15
 
 
-@pytest.mark.usefixtures("without_report")
 @pytest.mark.parametrize("setting", [{"engine": "filterpy"}, {"lag_s": 5.0}])
 def test_filters_by_filterpy_and_gtsam_resume_too(short, tmp_path, monkeypatch, setting):
     config = dataclasses.replace(
@@ -188,7 +185,6 @@ class Unkeepable(Track):
         self.function = lambda: None
 
 
-@pytest.mark.usefixtures("without_report")
 def test_a_run_whose_plug_in_cannot_be_kept_goes_on_and_says_so(
     short, tmp_path, monkeypatch, caplog
 ):

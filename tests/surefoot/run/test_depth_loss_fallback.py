@@ -142,7 +142,7 @@ def walked(folder: Path, fall_back: bool, limit_s: float) -> dict[str, float]:
         mission=MissionConfig(time_limit_s=limit_s),
         depth_health=DepthHealthConfig(fall_back=fall_back),
     )
-    simulate.simulate(config, folder, fall_back, lambda text: None, report=False)
+    simulate.simulate(config, folder, fall_back, lambda text: None)
     run = RunFolder.open(folder)
     way = run.read_trajectory("truth/trajectory.txt")
     assert way is not None
@@ -161,7 +161,6 @@ def test_in_a_room_without_texture_the_robot_walks_on_by_colour_and_touches_noth
     assert_same_offline(tmp_path / "run")
 
 
-@pytest.mark.usefixtures("without_report")
 def test_without_the_fallback_the_robot_stands_where_it_sees_no_floor(tmp_path):
     found = walked(tmp_path / "run", False, 9.0)
     assert found["left_m"] > 2.3

@@ -32,7 +32,7 @@ def walk(tmp_path_factory):
     mission = dataclasses.replace(config.mission, time_limit_s=SECONDS)
     config = dataclasses.replace(config, robot=robot, mission=mission)
     out = tmp_path_factory.mktemp("estimates") / "walk"
-    simulate.simulate(config, out, False, lambda text: None, report=False)
+    simulate.simulate(config, out, False, lambda text: None)
     return RunFolder.open(out)
 
 

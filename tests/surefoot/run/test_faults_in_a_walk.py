@@ -31,7 +31,7 @@ def walked(
     injected = ", ".join(f'"{one}"' for one in faults)
     config = load(None, [*CHEAP, *WHEN, f"faults.inject=[{injected}]"], scene="home", seed=1)
     live = tmp_path_factory.mktemp("walk") / "live"
-    simulate.simulate(config, live, True, lambda text: None, report=False)
+    simulate.simulate(config, live, True, lambda text: None)
     return said, live
 
 

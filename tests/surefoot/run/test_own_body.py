@@ -22,7 +22,7 @@ def walk(model: Path, out: Path, limit_s: float, record: bool) -> RunFolder:
     asked = [f"robot.model={model}", "robot.tof_source=rays", "robot.colour=false"]
     asked += ["mission.planner=field", f"mission.time_limit_s={limit_s}"]
     config = load(None, asked, scene="boxes", seed=1)
-    simulate.simulate(config, out, record, lambda text: None, report=False)
+    simulate.simulate(config, out, record, lambda text: None)
     return RunFolder.open(out)
 
 

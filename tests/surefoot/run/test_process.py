@@ -31,9 +31,16 @@ def kitchen(recordings):
     return recordings / "sevenscenes_redkitchen" / "pan"
 
 
-def test_given_poses_are_the_trajectory_of_the_camera_in_space(kitchen, tmp_path):
-    process(kitchen, None, Config(), tmp_path / "run", quiet)
-    found = read_tum(tmp_path / "run" / "trajectory.txt")
+@pytest.fixture(scope="module")
+def whole(kitchen, tmp_path_factory):
+    """The run of the kitchen, undisturbed."""
+    out = tmp_path_factory.mktemp("kitchen") / "whole"
+    process(kitchen, None, Config(), out, quiet)
+    return out
+
+
+def test_given_poses_are_the_trajectory_of_the_camera_in_space(kitchen, whole):
+    found = read_tum(whole / "trajectory.txt")
     frames = list(open_recording(kitchen).frames())
     assert len(found) == len(frames)
     given = np.array([frame.T_world_camera.rotation for frame in frames])
@@ -42,12 +49,12 @@ def test_given_poses_are_the_trajectory_of_the_camera_in_space(kitchen, tmp_path
     np.testing.assert_allclose(mine, turn @ given, atol=1e-9)
     positions = np.array([frame.T_world_camera.translation for frame in frames])
     np.testing.assert_allclose(found.positions, positions @ turn.T, atol=1e-9)
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    summary = json.loads((whole / "summary.json").read_text())
     assert summary["trajectory"] == "camera"
-    with asker([tmp_path / "run"], quiet) as tables:
+    with asker([whole], quiet) as tables:
         rows = tables.ask("SELECT x_m, y_m, z_m FROM frames ORDER BY stamp_s").rows
     np.testing.assert_allclose(rows, found.positions, atol=1e-9)
-    assert len(RunFolder(tmp_path / "run").read_csv("space_covariance.csv")) == len(frames)
+    assert len(RunFolder(whole).read_csv("space_covariance.csv")) == len(frames)
 
 
 def pose_of(trajectory, k):
@@ -82,14 +89,16 @@ def test_a_walking_body_keeps_its_planar_trajectory(tmp_path):
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["trajectory"] == "body"
 
 
-def test_after_ctrl_c_the_run_can_be_opened_and_resumes_to_the_same_bits(kitchen, tmp_path, ctrl_c):
-    process(kitchen, None, Config(), tmp_path / "whole", quiet)
+def test_after_ctrl_c_the_run_can_be_opened_and_resumes_to_the_same_bits(
+    kitchen, whole, tmp_path, ctrl_c, pages
+):
 
     def press(text):
         if text.startswith("frame 9 "):
             signal.raise_signal(signal.SIGINT)
 
-    summary = process(kitchen, None, Config(), tmp_path / "cut", press)
+    with pages():
+        summary = process(kitchen, None, Config(), tmp_path / "cut", press)
     assert summary.interrupted
     assert summary.frames == 9
     cut = RunFolder.open(tmp_path / "cut")
@@ -106,7 +115,7 @@ def test_after_ctrl_c_the_run_can_be_opened_and_resumes_to_the_same_bits(kitchen
         "trajectory.txt", "space_covariance.csv", "trajectory_covariance.csv", "floor.csv", "map.pgm",
         "obstacles.json", "innovations.csv", "cloud.ply",
     ):  # fmt: skip
-        assert (cut.root / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
+        assert (cut.root / name).read_bytes() == (whole / name).read_bytes(), name
     assert not list(cut.root.glob(".checkpoint*"))
 
 

@@ -38,8 +38,9 @@ def beacons(tmp_path_factory):
     return path
 
 
-def test_a_range_log_becomes_a_trajectory_with_states_and_truth(beacons, tmp_path):
-    summary = process(beacons, None, Config(), tmp_path / "run", lambda _: None)
+def test_a_range_log_becomes_a_trajectory_with_states_and_truth(beacons, tmp_path, pages):
+    with pages():
+        summary = process(beacons, None, Config(), tmp_path / "run", lambda _: None)
     run = RunFolder(summary.folder)
     states, poses = run.read_csv("states.csv"), run.read_csv("trajectory_covariance.csv")
     words = states.words("state")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,11 +26,12 @@ WALK = Path(__file__).resolve().parents[3] / "data" / "walk"
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(tmp_path_factory: pytest.TempPathFactory, pages: Callable[..., Any]) -> Path:
     """The shipped walk, processed."""
     out = tmp_path_factory.mktemp("shipped") / "run"
     words = ["process", str(WALK), "--out", str(out), "--smooth", "inf", "--json"]
-    summary = json.loads(CliRunner().invoke(main, words, catch_exceptions=False).stdout)
+    with pages():
+        summary = json.loads(CliRunner().invoke(main, words, catch_exceptions=False).stdout)
     assert summary["frames"] == open_recording(WALK).info.frames
     assert not summary["skipped"]
     return out

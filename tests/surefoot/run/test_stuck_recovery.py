@@ -108,7 +108,6 @@ def test_the_search_planner_has_the_recovery_unless_it_is_switched_off(change, e
     assert isinstance(planner._planner, StuckRecovery) is expected
 
 
-@pytest.mark.usefixtures("without_report")
 def test_a_slot_narrower_than_the_searched_disc_is_passed_sideways(tmp_path):
     """From wall to wall two cartons, 26 cm apart: the search keeps 16 cm to each side of its middle.
 

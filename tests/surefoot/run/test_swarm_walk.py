@@ -21,12 +21,13 @@ from surefoot.run.pipeline import Pipeline
 
 
 @pytest.fixture(scope="module")
-def walked(tmp_path_factory):
+def walked(tmp_path_factory, pages):
     config = load(
         None, ["mission.planner=swarm", "mission.time_limit_s=12"], scene="robots_room", seed=1
     )
     out = tmp_path_factory.mktemp("swarm") / "run"
-    simulate.simulate(config, out, True, lambda text: None)
+    with pages():
+        simulate.simulate(config, out, True, lambda text: None)
     return RunFolder.open(out)
 
 

@@ -21,6 +21,8 @@ from surefoot.evaluation.evaluate import evaluate
 from surefoot.results.run_folder import RunFolder
 from surefoot.run import simulate
 
+SECONDS = 7.0
+
 
 def quiet(text: str) -> None:
     """No progress in tests."""
@@ -34,9 +36,9 @@ def short(seconds: float, **changes: object) -> Config:
 
 @pytest.fixture(scope="module")
 def walked(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recorded walk of ten seconds."""
+    """A recorded walk of seven seconds."""
     out = tmp_path_factory.mktemp("walk") / "live"
-    simulate.simulate(short(10.0), out, True, quiet)
+    simulate.simulate(short(SECONDS), out, True, quiet)
     return out
 
 
@@ -45,11 +47,10 @@ def test_a_recording_processed_gives_the_same_to_the_last_bit(walked, assert_sam
     assert_same_offline(walked)
 
 
-@pytest.mark.usefixtures("without_report")
 def test_a_walk_is_processed_with_its_own_settings_unless_others_are_given(tmp_path, assert_same):
     """The localiser of the walking body is another one than that of the kinematic body."""
     walked, ours, plain = (tmp_path / name for name in ("walked", "ours", "plain"))
-    asked = load(None, ["robot.body=dynamic", "mission.time_limit_s=5.0"])
+    asked = load(None, ["robot.body=dynamic", "robot.stereo=false", "mission.time_limit_s=4.0"])
     simulate.simulate(asked, walked, True, quiet)
     call = CliRunner().invoke
     assert call(main, ["process", str(walked), "--out", str(ours)]).exit_code == 0
@@ -61,7 +62,6 @@ def test_a_walk_is_processed_with_its_own_settings_unless_others_are_given(tmp_p
     assert (walked / claimed).read_bytes() != (plain / claimed).read_bytes()
 
 
-@pytest.mark.usefixtures("without_report")
 def test_the_configuration_that_a_run_wrote_runs_again_to_the_same_numbers(
     walked, tmp_path, assert_same
 ):
@@ -71,7 +71,6 @@ def test_the_configuration_that_a_run_wrote_runs_again_to_the_same_numbers(
         assert (walked / name).read_bytes() == (tmp_path / "again" / name).read_bytes(), name
 
 
-@pytest.mark.usefixtures("without_report")
 def test_no_truth_reaches_an_estimate_or_a_command(walked, tmp_path, monkeypatch, assert_same):
     from sim.truth import Truth
 
@@ -83,21 +82,22 @@ def test_no_truth_reaches_an_estimate_or_a_command(walked, tmp_path, monkeypatch
     monkeypatch.setattr(Truth, "names", lambda self: ["nonsense"])
     monkeypatch.setattr(Truth, "clearance_m", lambda self: (-1.0, "nonsense"))
     monkeypatch.setattr(Truth, "occupied", lambda self, points: np.ones(len(points), dtype=bool))
-    simulate.simulate(short(10.0), tmp_path / "lied", True, quiet)
+    simulate.simulate(short(SECONDS), tmp_path / "lied", True, quiet)
     assert_same(walked, tmp_path / "lied")
     commands = "commands.csv"
     assert (walked / commands).read_bytes() == (tmp_path / "lied" / commands).read_bytes()
     assert "99.0" in (tmp_path / "lied" / "truth" / "trajectory.txt").read_text()  # it was asked
 
 
-@pytest.mark.usefixtures("without_report")
-def test_another_seed_is_another_walk(walked, tmp_path):
-    simulate.simulate(short(1.0, seed=1), tmp_path / "other", False, quiet)
+def test_another_seed_is_another_walk_and_leaves_what_other_tools_open(walked, tmp_path, pages):
+    with pages():
+        simulate.simulate(short(1.0, seed=1), tmp_path / "other", False, quiet)
     ours = (walked / "trajectory.txt").read_text().splitlines()[2]
     assert (tmp_path / "other" / "trajectory.txt").read_text().splitlines()[2] != ours
+    for part in ("config.toml", "map.yaml", "cloud.ply", "report.html", "summary.json"):
+        assert (tmp_path / "other" / part).stat().st_size > 0, part
 
 
-@pytest.mark.usefixtures("without_report")
 def test_a_robot_crosses_the_home_without_touching_anything(tmp_path):
     out = tmp_path / "home"
     robot = dataclasses.replace(Config().robot, stereo=False)
@@ -119,14 +119,6 @@ def test_a_robot_crosses_the_home_without_touching_anything(tmp_path):
     assert metrics["grid_correct_share_one_cell"] >= 0.95
 
 
-@pytest.mark.parametrize(
-    "part", ["config.toml", "map.yaml", "cloud.ply", "report.html", "summary.json"]
-)
-def test_a_run_leaves_what_other_tools_open(walked, part):
-    assert (walked / part).stat().st_size > 0
-
-
-@pytest.mark.usefixtures("without_report")
 def test_a_fall_ends_a_run_and_is_told(tmp_path):
     steep = ("robot.body=dynamic", "robot.dynamic.slope_rad=[0.25, 0.0]", "robot.stereo=false")
     config = load(None, steep, scene="home", seed=3)

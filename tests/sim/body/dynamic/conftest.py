@@ -22,7 +22,7 @@ def _pushed(balance, seed, command, share, angle, steps=16):
     """Push a body with 1 N s during a swing of its left foot; no push if the angle is None.
 
     Returns:
-        Planned poses at the end of each step, and whether it fell.
+        Planned poses at the end of each step, the last one that of a fall, and whether it fell.
     """
     body_rng, head_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
     head, planned = Head(HeadConfig(), head_rng), []
@@ -39,6 +39,8 @@ def _pushed(balance, seed, command, share, angle, steps=16):
             if body.ticks_left:
                 body.advance(body.ticks_left)
             planned.append(body.planned_pose)
+            if body.fallen:
+                break
         fallen = body.fallen
         body.close()
     return planned, fallen
