@@ -111,9 +111,8 @@ def noise(
         if feature < max(finest_m, metres_per_px) or (rows, columns) == shape:
             break
     total = cv2.resize(total, (width, height), interpolation=cv2.INTER_LINEAR)
-    total -= total.mean()
-    total /= max(float(np.sqrt(np.mean(np.square(total)))), 1e-6)
-    return total
+    centred = total - total.mean()
+    return np.asarray(centred / max(float(np.sqrt(np.mean(centred**2))), 1e-6), dtype=np.float32)
 
 
 def _plain(image: Image, px_m: float, rng: np.random.Generator) -> Image:

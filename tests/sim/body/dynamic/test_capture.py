@@ -54,7 +54,7 @@ def test_the_side_of_a_fall_is_detected():
 def test_landing_at_once_prevents_a_fall_towards_the_swing_foot(pushed):
     fallen = {
         balance: sum(
-            pushed(balance, seed, WalkCommand(0.06), 0.2, math.pi / 2, 12)[1] for seed in range(6)
+            pushed(balance, seed, WalkCommand(0.06), 0.2, math.pi / 2)[1] for seed in range(6)
         )
         for balance in (RECOVERS, IGNORES)
     }
