@@ -7,7 +7,6 @@ import math
 from typing import Any
 
 from perception.floor.classify import ClassConfig
-from perception.localisation.landmarks import LandmarkConfig
 from perception.localisation.localiser_noise import LocaliserConfig
 from perception.localisation.pose_source import PriorConfig
 from perception.primitives.robot_model import GaitLimits
@@ -38,29 +37,18 @@ differ. After a stop the soles settle by 0.4 deg. The larger standard deviation 
 10 deg/s, which the filter would otherwise attribute to the gyro bias, with an effect for minutes."""
 
 
-WALKED_LANDMARKS = LandmarkConfig(
-    head_yaw_sigma_rad=math.radians(0.2),
-    head_pitch_sigma_rad=math.radians(0.25),
-    head_roll_sigma_rad=math.radians(0.35),
-    camera_place_sigma_m=0.002,
-)
-"""Camera pose errors of the dynamic body, tuned on two recorded walks. The NIS of its tags is 0.8 and 1.0, expected 2;
-with the defaults it is 0.5, which is more conservative still."""
-
-
 LONGER = 1.9  # ours: of a plausible step, relative to the longest one that is commanded; 1.9 for a DARwIn-OP too
 
 
 def needs(robot: RobotConfig) -> dict[str, Any]:
     """Values that differ from the defaults for this body, as nested tables.
 
-    For the dynamic body: step odometry and camera pose errors. For another anatomy or scale: the height below which
+    For the dynamic body: step odometry. For another anatomy or scale: the height below which
     points are obstacles. For a robot that is described: its steps, and the field of view that the gaze aims.
     """
     found: dict[str, Any] = {}
     if robot.body == "dynamic":
         found["localiser"] = _differing(WALKED_LOCALISER, LocaliserConfig())
-        found["landmarks"] = _differing(WALKED_LANDMARKS, LandmarkConfig())
     height_m = model_of(robot, GaitLimits()).height_m
     if height_m != ClassConfig().robot_height_m:
         found["classes"] = {"robot_height_m": height_m}

@@ -23,7 +23,7 @@ from planning.planners.mission import MissionConfig
 from sim.body.dynamic.anatomy import gait_for
 from surefoot.config import reference, toml
 from surefoot.config.load import load
-from surefoot.config.presets import WALKED_LANDMARKS, WALKED_LOCALISER, on_body
+from surefoot.config.presets import WALKED_LOCALISER, on_body
 from surefoot.config.schema import Config
 
 
@@ -111,7 +111,7 @@ def test_an_error_in_a_file_begins_with_the_file(tmp_path):
 def test_with_the_dynamic_body_only_the_value_named_changes(tmp_path):
     plain = load(None, ["robot.body=dynamic"])
     assert plain.localiser == WALKED_LOCALISER
-    assert plain.landmarks == WALKED_LANDMARKS
+    assert plain.landmarks == Config().landmarks
     path = tmp_path / "some.toml"
     path.write_text('[robot]\nbody = "dynamic"\n[localiser]\nstep_x_sigma_m = 0.007\n')
     named = load(None, ["localiser.step_x_sigma_m=0.007", "robot.body=dynamic"])
@@ -188,7 +188,7 @@ def test_a_cell_is_in_the_way_of_the_configured_body():
 def test_the_body_planned_for_by_default_has_the_measures_printed(body):
     config = load(None, [f"robot.body={body}"])
     plain = Config()
-    own = {"robot": plain.robot, "localiser": plain.localiser, "landmarks": plain.landmarks}
+    own = {"robot": plain.robot, "localiser": plain.localiser}
     assert dataclasses.replace(config, **own) == plain
 
 
