@@ -184,6 +184,8 @@ def mark(
     rgb: UInt8[np.ndarray, "h w 3"], colours: ColourRange, mask: UInt8[np.ndarray, "h w"]
 ) -> None:
     """Set the mask to 255 where the picture lies in the range; leave it unchanged elsewhere."""
+    if not rgb.size:
+        return
     limits = kernels.Limits(
         np.int32(math.ceil(colours.value[0])),
         np.int32(math.floor(colours.value[1])),

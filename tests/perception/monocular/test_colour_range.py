@@ -181,3 +181,8 @@ def test_a_rug_first_seen_while_looking_sideways_is_learnt_too():
 def test_a_range_with_exchanged_limits_is_refused():
     with pytest.raises(ConfigError, match="value"):
         ColourRange(0.0, 10.0, (0.0, 1.0), (200.0, 100.0))
+
+
+def test_a_part_of_a_picture_without_pixels_is_left_as_it_is():
+    colours = ColourRange(20.0, 10.0, (0.0, 255.0), (0.0, 255.0))
+    mark(np.zeros((4, 0, 3), np.uint8), colours, np.zeros((4, 0), np.uint8))
