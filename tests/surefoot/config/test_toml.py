@@ -13,10 +13,12 @@ from hypothesis import strategies as st
 
 from perception.depth.points import Points
 from perception.floor import classify
+from perception.localisation.landmarks import constrained_to_height, to_body_frame
 from perception.localisation.localiser_noise import LocaliserConfig
 from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
-from perception.primitives.pose import Pose2
+from perception.primitives.pose import Pose2, Pose3, head_rotation
 from perception.primitives.robot_model import DARWIN_OP
 from planning.avoidance.primitives import Leg, in_the_way
 from planning.planners.mission import MissionConfig
@@ -106,6 +108,19 @@ def test_an_error_in_a_file_begins_with_the_file(tmp_path):
     path.write_text("[tracker]\nhits_to_show = 0\n")
     with pytest.raises(ConfigError, match=r"mine\.toml: \[tracker\]"):
         load(path)
+
+
+@pytest.mark.parametrize("body", ["kinematic", "dynamic"])
+def test_tags_are_not_misplaced_by_an_offset_of_the_head_that_joints_have(body):
+    """Three deviations of the offset that each walk draws, and half a degree of sway."""
+    config = load(None, [f"robot.body={body}"])
+    off = math.radians(3.0 * config.robot.head.offset_deg + 0.5)
+    level = Pose3.from_rotation(head_rotation(0.0, 0.0), np.array([0.0, 0.0, 0.4]))
+    tilted = Pose3.from_rotation(head_rotation(0.0, off), level.position)
+    for away_m in (0.5, 1.0, 2.0, 3.0):
+        place = tilted.inverse().apply(np.array([[away_m, 0.0, 0.4]]))[0]
+        seen = to_body_frame(Gaussian(place, 1e-6 * np.eye(3)), level, config.landmarks)
+        assert constrained_to_height(seen, 0.4) is not None
 
 
 def test_with_the_dynamic_body_only_the_value_named_changes(tmp_path):
