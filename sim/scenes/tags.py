@@ -22,6 +22,11 @@ from ..shapes import Box, Shape, distance, outline
 
 SIDE_M = 0.22  # ours: black square; 24 px at 3.3 m in the colour camera, 4 px per module
 PLATE_M = SIDE_M * (TAG_MODULES + 2 * TAG_MARGIN_MODULES) / TAG_MODULES
+AHEAD_M, WIDE_M = (
+    0.10,
+    0.6 * PLATE_M,
+)  # ours: free space before a plate and to each side of its middle
+SPACE_M = math.hypot(AHEAD_M, WIDE_M) + 1e-6  # nothing farther from the middle lies in it
 THICKNESS_M = 0.006
 IN_VIEW_M = 2.5  # ours: range within which a tag counts as visible
 OCCLUDING_M = 0.33  # ours: taller shapes occlude a tag at 0.45 m for a camera at 0.4 m
@@ -129,7 +134,7 @@ def _spots(extent: Extent, shapes: list[Shape]) -> list[_Spot]:
             reach = (width - PLATE_M) / 2 - 0.01
             for shift in np.linspace(-reach, reach, max(1, int(2 * reach / 0.30) + 1)):
                 at = np.array(box.centre[:2]) + ahead * depth / 2 + along * float(shift)
-                near = np.hypot(*(middles - at).T) < reaches + 2.0 * PLATE_M
+                near = np.hypot(*(middles - at).T) < reaches + SPACE_M
                 close = [shapes[k] for k in np.flatnonzero(near)]
                 if _uncovered(at, ahead, along, height, extent, close, box):
                     spots.append(_Spot((float(at[0]), float(at[1]), height), normal))
@@ -148,7 +153,7 @@ def _uncovered(
     """Whether the plate lies in the room with 10 cm of free space in front of it."""
     x0, y0, x1, y1 = extent
     samples = np.array(
-        [at + ahead * d + along * PLATE_M * s for d in (0.02, 0.10) for s in (-0.6, 0.0, 0.6)]
+        [at + ahead * d + along * WIDE_M * s for d in (0.02, AHEAD_M) for s in (-1.0, 0.0, 1.0)]
     )
     within = (samples > [x0, y0]) & (samples < [x1, y1])
     if not within.all():

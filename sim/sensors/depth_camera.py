@@ -3,8 +3,9 @@
 It measures disparity, in whole steps of a fraction of a pixel, so its noise grows with the square of depth. Each
 disparity is that of a block of pixels: noise is alike within a block, and a block on an outline shows the nearer of its
 surfaces. What only the left imager sees, beside every near object, has no depth, and neither has what is nearer than the
-search goes. Each camera keeps the error of disparity and of scale that its calibration has left; they are drawn within what the stack claims of a calibrated
-camera, so the NEES of a walk tests how claims are carried on, not whether a D435 keeps to them.
+search goes. Each camera keeps the error of disparity and of scale that its calibration has left; they are drawn within
+what the stack claims of a calibrated camera, so the NEES of a walk tests how claims are carried on, not whether a D435
+keeps to them.
 
 Sources: Grunnet-Jepsen, Sweetser, Woodfill, Intel 2018 (subpixel error .08 px and less, steps of 1/32 px, baseline 50 mm);
 data sheet of the D400 series (nearest depth .28 m at 848 x 480; depth in mm); what calibration leaves: ours.
