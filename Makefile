@@ -21,9 +21,6 @@ RUNS ?= runs
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export NUMBA_THREADING_LAYER := workqueue
-# glibc keeps the memory of freed images; given back, every new one is zeroed page by page
-export MALLOC_MMAP_THRESHOLD_ := 4294967296
-export MALLOC_TRIM_THRESHOLD_ := 4294967296
 export SUREFOOT_DATA ?= $(abspath ../shared/data)
 
 help:  ## what can be made
@@ -53,6 +50,10 @@ demo: $(WARM)  ## a live walk, its recording processed, both judged
 		&& cmp $(RUNS)/demo/map.pgm $(RUNS)/demo-offline/map.pgm \
 		&& echo "trajectory and map of both are the same, bit for bit"
 	@echo && echo "open $(RUNS)/demo/report.html in a browser, or: $(BIN)/surefoot view $(RUNS)/demo"
+
+# glibc keeps the memory of freed images; given back, every new one is zeroed page by page
+test test-layers test-shapes: export MALLOC_MMAP_THRESHOLD_ := 4294967296
+test test-layers test-shapes: export MALLOC_TRIM_THRESHOLD_ := 4294967296
 
 test: $(WARM)  ## the test suite
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q

@@ -21,7 +21,6 @@ from surefoot.cli import run_verbs
 from surefoot.cli.main import main
 from surefoot.config.load import load
 from surefoot.report import live_view
-from surefoot.report import page as report
 from surefoot.report.live_view import LivePage
 from surefoot.results.moment import Moment
 from surefoot.results.moments import MomentWriter, read_moments
@@ -44,13 +43,11 @@ NEWEST = "Number(document.getElementById('instant').max)"
 
 
 @pytest.fixture(scope="module")
-def walk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunFolder]:
+def walk(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     """The first steps of a walk that nobody watched."""
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(report, "write_report", lambda folder: None)
-        out = tmp_path_factory.mktemp("walk") / "alone"
-        config = load(None, SETTINGS, scene="boxes", seed=4)
-        yield RunFolder(simulate(config, out, False, lambda text: None).folder)
+    out = tmp_path_factory.mktemp("walk") / "alone"
+    config = load(None, SETTINGS, scene="boxes", seed=4)
+    return RunFolder(simulate(config, out, False, lambda text: None).folder)
 
 
 @pytest.fixture(scope="module")
@@ -202,7 +199,6 @@ def test_pause_holds_the_walk_step_moves_it_by_one_and_the_slider_goes_back(brow
 
 
 def test_a_walk_that_is_watched_and_paused_gives_the_same_bits(walk, tmp_path, monkeypatch):
-    monkeypatch.setattr(report, "write_report", lambda folder: None)
     held: list[int] = []
     found: list[dict[str, Any]] = []
     shows = [0, 0]  # begun, over

@@ -342,10 +342,13 @@ def test_a_request_would_be_noticed(tmp_path):
 
 
 def test_the_same_run_gives_the_same_page_and_drawing_leaves_matplotlib_as_it_was(run):
-    first, before = run.path("report.html").read_bytes(), dict(mpl.rcParams)
-    write_report(run)
+    first = run.path("report.html").read_bytes()
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        before = dict(mpl.rcParams)
+        write_report(run)
+        assert dict(mpl.rcParams) == before
     assert run.path("report.html").read_bytes() == first
-    assert dict(mpl.rcParams) == before
 
 
 def test_the_cards_show_the_figures_of_the_metrics(run):
