@@ -82,8 +82,7 @@ class Hypotheses:
     def add(self, obstacle: Obstacle) -> None:
         """Add the hypotheses of one obstacle: it stands, with that probability, or goes."""
         config, times = self._config, self._times
-        moves = obstacle.moving
-        if moves < MOVING and obstacle.radius_m > SMALL_RADIUS_M:
+        if not may_move(obstacle):
             return
         near = self._model.radius_m + obstacle.radius_m
         away = math.dist(obstacle.position.tolist(), self._here)
@@ -244,6 +243,11 @@ class Ahead:
         )
         weights = np.tile([1.0 - moves, moves], (len(times_s), 1))
         return cls(weights, np.stack([standing, places], axis=1), P)
+
+
+def may_move(obstacle: Obstacle) -> bool:
+    """Whether a track counts as more than the occupied cells that it covers: it moves, or is small enough for a disc."""
+    return obstacle.moving >= MOVING or obstacle.radius_m <= SMALL_RADIUS_M
 
 
 def _goes(obstacle: Obstacle) -> float:

@@ -1,7 +1,8 @@
 """Probability of contact with what may move, on a plan.
 
 The error of the pose, that of the size, and the modes of motion of every obstacle count together. The horizon is
-short: what lies beyond it the robot decides anew, with new detections.
+short: what lies beyond it the robot decides anew, with new detections. Of an obstacle that more likely stands only the
+chance that it goes counts: its place is kept clear by the distances of the guard and by the occupied cells.
 
 Source: ours; chance constraints as in Blackmore, Ono and Williams 2011, over a mixture of motion modes.
 """
@@ -14,13 +15,14 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.primitives.gaussian import Gaussian
+from perception.primitives.motion import GOING
 from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.robot_model import RobotModel
 
 from . import _risk_kernels
 from ._guard_arguments import Gait
 from .guard_settings import RISK_S, SIZE_SIGMA_M, GuardConfig
-from .hypotheses import Ahead
+from .hypotheses import Ahead, may_move
 from .prediction import MotionPatterns
 
 
@@ -48,7 +50,7 @@ class Risk:
         """
         half = model.gait.step_s / 2.0
         times = half * np.arange(1, 2 * max(round(RISK_S / half / 2.0), 1) + 1)
-        movers = [one for one in obstacles if one.moving >= MOVING]
+        movers = [one for one in obstacles if may_move(one)]
         doubt = robot.covariance[:2, :2] + np.eye(2) * SIZE_SIGMA_M**2
         modes = max((5 if one.motion is not None else 2 for one in movers), default=1)
         shape = (len(movers), len(times), modes)
@@ -58,6 +60,8 @@ class Risk:
             ahead = Ahead.of(one, stamp_s, times, patterns, config)
             own = slice(ahead.weights.shape[1])
             self._weights[k, :, own], self._means[k, :, own] = ahead.weights, ahead.means
+            if one.moving < MOVING:
+                self._weights[k, :, : GOING if one.motion is not None else 1] = 0.0
             self._covariances[k, :, own] = ahead.covariances + doubt
         self._radii = np.array([model.radius_m + one.radius_m for one in movers], np.float64)
 

@@ -33,13 +33,19 @@ NOTHING = np.zeros((0, 2))
 SURE = Gaussian(np.zeros(3), np.diag([1e-4, 1e-4, 1e-4]))
 
 
-def tracked(place: np.ndarray, velocity: np.ndarray, seed: int = 0) -> Obstacle:
-    """A mover seen for 9 s, now at a place."""
+def watched(place: np.ndarray, velocity: np.ndarray, seed: int = 0) -> Obstacle:
+    """The track of something seen for 9 s, now at a place."""
     rng, tracker = np.random.default_rng(seed), ObstacleTracker()
     for k in range(31):
         there = place + (0.3 * k - 9.0) * velocity + 0.01 * rng.standard_normal(2)
         tracker.update(0.3 * k, [Detection(there, np.eye(2) * 1e-4, 0.1)], SURE)
     (found,) = tracker.obstacles
+    return found
+
+
+def tracked(place: np.ndarray, velocity: np.ndarray, seed: int = 0) -> Obstacle:
+    """As `watched`, known to move."""
+    found = watched(place, velocity, seed)
     assert found.moving > 0.5
     return found
 
@@ -109,11 +115,22 @@ def test_the_claimed_risk_is_the_share_of_simulated_contacts(place, velocity):
         assert abs(claim - share) < 0.03 + 0.2 * share
 
 
-def test_far_obstacles_and_static_ones_are_no_risk():
+def test_far_obstacles_static_ones_and_furniture_are_no_risk():
     far = tracked(np.array([4.0, 1.0]), np.array([-0.1, 0.0]))
     assert claimed(far, np.zeros(8)) < 1e-6
-    static = replace(tracked(np.array([0.3, 0.0]), np.array([-0.06, 0.0])), moving=0.1)
-    assert claimed(static, np.zeros(8)) == 0.0
+    static = watched(np.array([0.3, 0.0]), np.zeros(2))
+    assert contact_share(static, np.zeros(8)) - 0.005 < claimed(static, np.zeros(8)) < 0.01
+    furniture = replace(static, moving=0.1, radius_m=0.3)
+    assert claimed(furniture, np.zeros(8)) == 0.0
+
+
+def test_one_that_may_move_is_a_risk_by_the_chance_that_it_goes():
+    place, velocity = np.array([0.30, 0.35]), np.array([0.0, -0.08])
+    ahead = _desired_plans(WalkCommand(forward_m=0.04), DARWIN_OP.gait)[0]
+    doubtful = replace(tracked(place, velocity), moving=0.25)
+    share = contact_share(doubtful, ahead)
+    assert share > 0.02
+    assert abs(claimed(doubtful, ahead) - share) < 0.02 + 0.2 * share
 
 
 def test_a_tighter_bound_never_brings_more_risk_and_what_exceeds_it_is_named():
