@@ -184,5 +184,12 @@ def test_a_range_with_exchanged_limits_is_refused():
 
 
 def test_a_part_of_a_picture_without_pixels_is_left_as_it_is():
-    colours = ColourRange(20.0, 10.0, (0.0, 255.0), (0.0, 255.0))
-    mark(np.zeros((4, 0, 3), np.uint8), colours, np.zeros((4, 0), np.uint8))
+    every = ColourRange(0.0, 180.0, (0.0, 255.0), (0.0, 255.0))
+    rgb = np.random.default_rng(10).integers(0, 256, (4, 6, 3), dtype=np.uint8)
+    before, mask = rgb.copy(), np.zeros((4, 6), np.uint8)
+    for part in (np.s_[:, 3:3], np.s_[2:2]):
+        mark(rgb[part], every, mask[part])
+    assert np.array_equal(rgb, before)
+    assert not mask.any()
+    mark(rgb, every, mask)
+    assert (mask == 255).all()
