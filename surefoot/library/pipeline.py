@@ -11,15 +11,7 @@ import numpy as np
 from mapping.objects.footprints import Footprint
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
-from perception.primitives.frame import (
-    ColourView,
-    DepthView,
-    Frame,
-    Imu,
-    RangeView,
-    StepOdometry,
-    StereoView,
-)
+from perception.primitives.frame import Frame, Imu, StepOdometry
 from perception.primitives.landmark import Landmark
 from perception.primitives.pose import Pose2, Pose3
 from planning.world_model import WorldModel
@@ -28,7 +20,7 @@ from ..config.load import load
 from ..config.schema import Config
 from ..recordings.recording import RecordingInfo
 from ..run import pipeline as run_pipeline
-from . import checks
+from . import checks, views
 from .checks import ArrayLike
 
 
@@ -146,47 +138,21 @@ class Pipeline:
             InputError: Nothing to use, time not advancing, an image of the wrong type or shape, or arguments
                 that do not fit together.
         """
-        mount = T_body_camera
+        mount, scale = T_body_camera, scale_per_metre
         depth = tof = stereo = colour = None
         if depth_m is not None:
-            lens = checks.pinhole(camera)
-            depth = DepthView(checks.metres(depth_m, lens, scale_per_metre), lens, mount)
+            depth = views.depth_view(depth_m, camera, scale, mount)
         if range_m is not None:
-            lens = checks.pinhole(camera)
-            returned = None
-            if amplitude is not None:
-                returned = np.asarray(amplitude, np.float32)
-                checks.image_shape(returned, lens, "amplitude")
-            ranges = checks.metres(range_m, lens, scale_per_metre, "range_m")
-            tof = RangeView(ranges, returned, lens, mount)
+            tof = views.range_view(range_m, amplitude, camera, scale, mount)
         if left is not None or right is not None:
-            if left is None or right is None or baseline_m is None:
-                raise InputError("a stereo pair needs left, right and baseline_m")
-            lens = checks.pinhole(camera)
-            stereo = StereoView(
-                checks.grey(left, lens, "left"),
-                checks.grey(right, lens, "right"),
-                checks.positive(baseline_m, "baseline_m"),
-                lens,
-                mount,
-            )
+            stereo = views.stereo_view(left, right, baseline_m, camera, mount)
         if rgb is not None:
-            lens = checks.pinhole(camera if rgb_camera is None else rgb_camera, "rgb_camera")
-            colour = ColourView(checks.colour(rgb, lens), lens, mount)
+            colour = views.colour_view(rgb, camera if rgb_camera is None else rgb_camera, mount)
         odometry = StepOdometry(step, 1.0) if isinstance(step, Pose2) else step
-        return self.add_frame(
-            Frame(
-                stamp_s,
-                tof,
-                depth,
-                stereo,
-                colour,
-                odometry,
-                imu,
-                T_world_camera,
-                footstep_due,
-            )
+        frame = Frame(
+            stamp_s, tof, depth, stereo, colour, odometry, imu, T_world_camera, footstep_due
         )
+        return self.add_frame(frame)
 
     def add_frame(self, frame: Frame) -> WorldModel:
         """Take in a frame, for instance of a `Recording`.

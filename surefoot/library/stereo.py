@@ -11,10 +11,9 @@ from perception.depth import stereo
 from perception.depth.rectification import rectified
 from perception.depth.stereo import StereoConfig
 from perception.primitives.camera import Camera
-from perception.primitives.frame import StereoView
 
-from . import checks
 from .checks import ArrayLike
+from .views import stereo_view
 
 
 class StereoDepth(NamedTuple):
@@ -60,14 +59,7 @@ def stereo_depth(
 
     Source: seed 003, section 3.
     """
-    camera = checks.pinhole(camera)
-    pair = StereoView(
-        checks.grey(left, camera, "left"),
-        checks.grey(right, camera, "right"),
-        checks.positive(baseline_m, "baseline_m"),
-        camera,
-    )
-    view = rectified(pair)
+    view = rectified(stereo_view(left, right, baseline_m, camera))
     config = StereoConfig(least_reliability=least_reliability, nearest_m=nearest_m)
     matched = stereo.disparity(view, config)
     depth = stereo.depth_of(view, matched, config)
