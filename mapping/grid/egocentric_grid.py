@@ -22,13 +22,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 from perception.primitives.settings import setting
 
 from .. import open3d_objects
 from . import _evidence_kernels, _terrain_kernels
+from .cell_points import check_one_a_point, gather
 from .evidence import (
     OBSTACLE_POINTS,
     EvidenceConfig,
@@ -210,12 +211,7 @@ class EgocentricGrid(Window):
 
         Source: seed 003, section 3, "Update of p"; rays, moving obstacles and heights are ours.
         """
-        given = {"flags": is_obstacle, "moving flags": is_moving, "sigmas": sigma_m}
-        for name, values in given.items():
-            if values is not None and len(values) != len(points):
-                raise InputError(
-                    f"grid update: {len(points)} points but {len(values)} {name}; give one a point"
-                )
+        check_one_a_point("grid", points, is_obstacle, is_moving, sigma_m)
         self._count(points, is_obstacle, is_moving, sigma_m)
         origin = self.origin
         if sensor_height_m is not None and sensor_height_m > 0.0:
@@ -258,18 +254,15 @@ class EgocentricGrid(Window):
                 flat, kinds, self._anchor, per_m, self._first, n, n, self._tally
             )
             return
-        _terrain_kernels.gather(
-            np.ascontiguousarray(points, np.float64).reshape(-1),
-            np.ascontiguousarray(is_obstacle).view(np.uint8),
-            np.zeros(0, np.uint8)
-            if is_moving is None
-            else np.ascontiguousarray(is_moving).view(np.uint8),
-            np.zeros(0) if sigma_m is None else np.ascontiguousarray(sigma_m, np.float64),
+        gather(
+            points,
+            is_obstacle,
+            is_moving,
+            sigma_m,
             self._anchor,
             per_m,
             self._first,
-            n,
-            n,
+            (n, n),
             self._tally,
             self._sums,
         )

@@ -23,16 +23,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int, Int32
 from scipy.special import ndtr
 
-from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 
 from .. import open3d_objects
 from . import _evidence_kernels, _look_kernels, _terrain_kernels
 from ._look_kernels import LookRule, Shares
+from .cell_points import check_one_a_point, gather
 from .egocentric_grid import LOWEST_OBSTACLE_M
 from .evidence import MOVING_LOG_ODDS, OBSTACLE_POINTS, age, mark_moving, probability_of
 from .heights import GATE_SIGMAS, floor_form, pose_form
@@ -199,64 +200,48 @@ class WorldMap:
         Raises:
             InputError: The number of flags or sigmas differs from the number of points.
         """
-        given = {"flags": is_obstacle, "moving flags": is_moving, "sigmas": sigma_m}
-        for name, values in given.items():
-            if values is not None and len(values) != len(points):
-                raise InputError(
-                    f"world map update: {len(points)} points but {len(values)} {name}; give one a point"
-                )
+        check_one_a_point("world map", points, is_obstacle, is_moving, sigma_m)
         window = self._make_room(points)
         if window is None:
             return
-        low, high = window
-        columns, rows = (int(v) for v in high - low + 1)
-        tally = np.zeros(3 * rows * columns + 1, np.int32)
-        sums = np.zeros((3 * rows * columns + 1, 3))
-        _terrain_kernels.gather(
-            np.ascontiguousarray(points, np.float64).reshape(-1),
-            np.ascontiguousarray(is_obstacle).view(np.uint8),
-            np.zeros(0, np.uint8)
-            if is_moving is None
-            else np.ascontiguousarray(is_moving).view(np.uint8),
-            np.zeros(0) if sigma_m is None else np.ascontiguousarray(sigma_m, np.float64),
-            np.zeros(2),
-            1.0 / self.cell_m,
-            low,
-            rows,
-            columns,
-            tally,
-            sums,
-        )
-        counts = tally[:-1].reshape(3, rows, columns)
+        low, shape = window
+        counts, sums = self._count(points, is_obstacle, is_moving, sigma_m, low, shape)
         x, y = (float(v) for v in low * self.cell_m)
         place = _terrain_kernels.Placement(0, 0, x, y, self.cell_m)
-        verdicts, weights = np.empty((2, rows, columns), np.float32)
+        verdicts, weights = np.empty((2, *shape), np.float32)
         _look_kernels.judge(counts, sums, place, camera.astype(np.float64), RULE, verdicts, weights)
-        self._restless.update(self._tiles.keys_in(low, (rows, columns), make=True))
-        cells = self._tiles.read(low, (rows, columns))
-        looks, hits, log_odds, updated_s, moving = (cells[name] for name in LOOKS)
-        layers, frames = (
-            (looks, hits, log_odds, updated_s, moving),
-            (cells[FRAMES[0]], cells[FRAMES[1]]),
+        self._restless.update(self._tiles.keys_in(low, shape, make=True))
+        cells = self._tiles.read(low, shape)
+        looks, frames, heights = (
+            tuple(cells[name] for name in names) for names in (LOOKS, FRAMES, HEIGHTS)
         )
         moved = pose_form(pose)
         _look_kernels.fold_looks(
-            counts, verdicts, weights, layers, frames, place, moved, stamp_s, RULE, SHARES
+            counts, verdicts, weights, looks, frames, place, moved, stamp_s, RULE, SHARES
         )
+        base_m2 = self.config.height_sigma_m**2
+        rule = _terrain_kernels.HeightRule(True, OBSTACLE_POINTS, base_m2, GATE_SIGMAS**2)
         _terrain_kernels.fuse_heights(
-            counts,
-            sums,
-            log_odds,
-            *(cells[name] for name in HEIGHTS),
-            place,
-            floor_form(floor),
-            moved,
-            _terrain_kernels.HeightRule(
-                True, OBSTACLE_POINTS, self.config.height_sigma_m**2, GATE_SIGMAS**2
-            ),
+            counts, sums, cells["log_odds"], *heights, place, floor_form(floor), moved, rule
         )
         self._tiles.write(low, cells)
         self._latest_s = stamp_s
+
+    def _count(
+        self,
+        points: Float[np.ndarray, "n 3"],
+        is_obstacle: Bool[np.ndarray, "n"],
+        is_moving: Bool[np.ndarray, "n"] | None,
+        sigma_m: Float[np.ndarray, "n"] | None,
+        low: Int[np.ndarray, "2"],
+        shape: tuple[int, int],
+    ) -> tuple[Int32[np.ndarray, "3 rows columns"], Float[np.ndarray, "t 3"]]:
+        """The points of each kind in each cell of a window, and the sums of `gather`."""
+        sums = np.zeros((3 * shape[0] * shape[1] + 1, 3))
+        tally = np.zeros(len(sums), np.int32)
+        per_m = 1.0 / self.cell_m
+        gather(points, is_obstacle, is_moving, sigma_m, np.zeros(2), per_m, low, shape, tally, sums)
+        return tally[:-1].reshape(3, *shape), sums
 
     def mark_moving(
         self, centres: Float[np.ndarray, "k 2"], radii_m: Float[np.ndarray, "k"]
@@ -293,8 +278,8 @@ class WorldMap:
 
     def _make_room(
         self, points: Float[np.ndarray, "n 3"]
-    ) -> tuple[Int[np.ndarray, "2"], Int[np.ndarray, "2"]] | None:
-        """Grow so that the points fit; returns the first and last lattice cell (x, y) that hold points.
+    ) -> tuple[Int[np.ndarray, "2"], tuple[int, int]] | None:
+        """Grow so that the points fit; returns their window: its first lattice cell (x, y), rows and columns.
 
         If the map would exceed its largest extent, points far from its centre (or from the median of the
         points, while it is empty) are dropped and counted. None if no point is left.
@@ -315,7 +300,8 @@ class WorldMap:
             low, high = cells[near].min(axis=0), cells[near].max(axis=0)
         first, last = low.astype(np.int64), high.astype(np.int64)
         self._grow(first, last)
-        return first, last
+        columns, rows = (int(v) for v in last - first + 1)
+        return first, (rows, columns)
 
     def _middle(self) -> Float[np.ndarray, "2"]:
         return np.floor(self._first + np.array(self._shape[::-1]) / 2)
