@@ -124,8 +124,8 @@ def simulate(
         recorder = RunRecorder(folder, config.resolved(renderer=world.renderer), info, goals)
         if page is not None:
             page.watch(folder)
-        interrupted = False
         stopped = stack.enter_context(stop_requested())
+        interrupted = False
         for cycle in cycles(body, pipeline, planner, config.planning.robot):
             truth.note(cycle.world.stamp_s, faults.touched(), cycle.world.estimate.views)
             moment = recorder.note(cycle)
@@ -135,23 +135,11 @@ def simulate(
             say(recorder.progress(cycle.world, planner))
             if interrupted := stopped():
                 break
-        fell = body.fell_at_s
-        if fell is not None:
-            truth.note(fell)
+        if body.fell_at_s is not None:
+            truth.note(body.fell_at_s)
         truth.finish()
-    summary = Summary(
-        folder.root,
-        recorder.frames,
-        recorder.seconds,
-        reached=(planner.reached, len(goals)) if goals else None,
-        notes=(
-            *(() if fell is None else (f"the robot fell after {fell:.1f} s",)),
-            *recorder.status_notes(),
-        ),
-        fell_at_s=fell,
-        body=config.robot.body,
-        interrupted=interrupted,
-    )
+    reached = (planner.reached, len(goals)) if goals else None
+    summary = _summary(folder, recorder, config, reached, body.fell_at_s, interrupted)
     _keep_looks(planner, recorder)
     recorder.finish(pipeline, summary.as_dict(), report)
     if page is not None:
@@ -179,6 +167,28 @@ def known_beforehand(scene: Scene, robot: SimulatedRobot, config: Config) -> Rec
         gravity_up_world=robot.up,
         calibrated=True,
         own_body=robot.own_body,
+    )
+
+
+def _summary(
+    folder: RunFolder,
+    recorder: RunRecorder,
+    config: Config,
+    reached: tuple[int, int] | None,
+    fell_at_s: float | None,
+    interrupted: bool,
+) -> Summary:
+    """How the walk ended: goals reached and of how many, fall, and what the status noted."""
+    fall = () if fell_at_s is None else (f"the robot fell after {fell_at_s:.1f} s",)
+    return Summary(
+        folder.root,
+        recorder.frames,
+        recorder.seconds,
+        reached=reached,
+        notes=(*fall, *recorder.status_notes()),
+        fell_at_s=fell_at_s,
+        body=config.robot.body,
+        interrupted=interrupted,
     )
 
 
