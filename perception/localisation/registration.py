@@ -1,14 +1,13 @@
 """Scan registration with keyframes: localisation without landmarks.
 
-The current scan is aligned with those of the keyframes, point to line. The result is not a pose but the
-information in the overlap: the normal equations of the current pose and the keyframes together, without
-unobservable directions (along a single wall, around a pillar). Keyframe poses stay part of the joint estimate
-(`keyframes`), so no point is counted twice, and closing a loop corrects the trajectory between.
+The current scan is aligned with those of the keyframes (`scan_alignment`). The result is not a pose but the
+information in the overlap, on the current pose and the keyframes together. Keyframe poses stay part of the joint
+estimate (`keyframes`), so no point is counted twice, and closing a loop corrects the trajectory between.
 
 Each scan as a whole has an error: sway of the trunk, play of the neck, and a common range error. It is noise of
 the sensor pose, independent for every scan; a keyframe keeps its own.
 
-Source: point to line, Censi 2008; robust weights, Cauchy; joint estimate: see `keyframes`. The rest is ours.
+Source: alignment: see `scan_alignment`; joint estimate: see `keyframes`. The rest is ours.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ..filtering import models
 from ..filtering.consistency import chi_square_quantile
@@ -27,14 +26,14 @@ from ..filtering.models import PAN, WALKER_SIZE, YAW, X, Y
 from ..primitives.errors import ConfigError
 from ..primitives.frame import StepOdometry
 from ..primitives.gaussian import Gaussian
-from ..primitives.pose import Pose2, wrap_angle
+from ..primitives.pose import Pose2
 from ..primitives.settings import setting
-from . import _registration_kernels as kernels
 from . import scan_search
 from .keyframes import POSE_SIZE, KeyframePoses
 from .localiser_noise import linearised_motion
 from .noise_factor import NoiseFactor
 from .scan import Scan, joined
+from .scan_alignment import GATE_M, KeyframeScans, align
 
 log = logging.getLogger(__name__)
 
@@ -48,13 +47,8 @@ ARM_M = 1.5  # ours: distance of a typical point, which an error of heading disp
 AHEAD_SIGMA_M = 0.0045  # walking trials: trunk pitch of .5 deg, 0.38 m up; 3 mm of range
 LATERAL_SIGMA_M = 0.005  # walking trials: trunk roll of .72 deg, likewise
 TURN_SIGMA_RAD = math.radians(0.4)  # walking trials: play of the neck
-CORRELATED = 1.5  # ours: number of neighbouring points with one common error
-GATE_M = 0.08  # ours: largest distance of corresponding points once the pose is known
 WIDEST_GATE_M = 0.40  # ours: the same for the most uncertain pose
 LEAST_NIS = 0.6  # ours: per degree of freedom; below, scans as a whole are claimed too uncertain
-FACING_DEG = 35.0  # ours: largest angle between corresponding normals
-OUTLIER_SIGMAS = 2.5  # ours: residual of half weight
-ROUNDS = 8  # ours: iterations of association and pose
 TOGETHER = 4  # ours: keyframes used at once, those with most correspondences
 LEAST_POINTS = 12  # ours: with correspondences; fewer say nothing
 LEAST_SHARE = 0.3  # ours: of points with correspondences; fewer is another place
@@ -228,7 +222,8 @@ class Registration:
         chosen, known = self._overlapping(scan.at(start), near)
         if not chosen:
             return state, RegistrationReport(unknown), 0.0
-        fit = self._fit(state, scan, chosen, gate, start)
+        expected, trust = self.keyframes.pose(-1).copy(), self._given_keyframes(state, chosen)
+        fit = align(scan, self._scans_of(chosen), start, gate, expected, trust)
         share = fit.correspondences / len(scan)
         if known >= KNOWN_SHARE and share < FITTING_SHARE * known:
             # a known place that does not fit
@@ -265,8 +260,7 @@ class Registration:
 
     def _overlapping(self, level: Scan, near: list[int]) -> tuple[list[int], float]:
         """Those keyframes with most correspondences, best first, and the share of points with any."""
-        map_scan, first, _ = self._map(near)
-        found = self._correspondences(level, map_scan, first, WIDEST_GATE_M)
+        found = self._scans_of(near).correspondences(level, WIDEST_GATE_M)
         counts = np.sum(found >= 0, axis=0)
         order = np.argsort(-counts, kind="stable")[:TOGETHER]
         chosen = [near[j] for j in order if 2 * counts[j] >= LEAST_POINTS]
@@ -295,61 +289,10 @@ class Registration:
         relative = np.maximum(own[:-1] + own[-1] - 2.0 * across[:-1], 0.0)
         return float(np.sqrt(np.min(relative[:, 0] + relative[:, 1] + ARM_M**2 * relative[:, 2])))
 
-    def _map(self, chosen: list[int]) -> tuple[Scan, Int[np.ndarray, "k1"], np.ndarray]:
-        """The scans of some keyframes in the world frame, where each begins, and their poses (k, 3)."""
+    def _scans_of(self, chosen: list[int]) -> KeyframeScans:
+        """The scans of some keyframes at their present poses."""
         poses = np.array([self.keyframes.pose(j) for j in chosen])
-        scans = [
-            self._scans[j].at(Pose2(*pose.tolist())) for j, pose in zip(chosen, poses, strict=True)
-        ]
-        first = np.concatenate([[0], np.cumsum([len(one) for one in scans])]).astype(np.int64)
-        return joined(scans), first, poses
-
-    def _correspondences(
-        self, level: Scan, map_scan: Scan, first: Int[np.ndarray, "k1"], gate: float
-    ) -> Int[np.ndarray, "n k"]:
-        found = np.empty((len(level), len(first) - 1), np.int64)
-        points, normals = map_scan.points, map_scan.normals
-        cosine = math.cos(math.radians(FACING_DEG))
-        kernels.correspondences(
-            level.points, level.normals, points, normals, first, gate, cosine, found
-        )
-        return found
-
-    def _fit(
-        self, state: Gaussian, scan: Scan, chosen: list[int], gate: float, start: Pose2
-    ) -> _Fit:
-        """Correspondences and pose in turn with fixed keyframes; then the normal equations of all poses."""
-        last = len(self.keyframes) - 1
-        map_scan, first, poses = self._map(chosen)
-        prior = self.keyframes.pose(last).copy()
-        trust = self._given_keyframes(state, chosen)
-        now = start.vector
-        size = POSE_SIZE * (1 + len(chosen))
-        A, b = np.empty((size, size)), np.empty(size)
-        used, roughness = 0, math.inf
-        for turn in range(ROUNDS):
-            level = scan.at(Pose2(*now.tolist()))
-            reach = max(GATE_M, gate * 0.6**turn)
-            found = self._correspondences(level, map_scan, first, reach)
-            cut = OUTLIER_SIGMAS if reach <= GATE_M else 3.0 * OUTLIER_SIGMAS
-            used, roughness = kernels.accumulate(
-                level.points, level.sigmas, now, map_scan.points, map_scan.normals,
-                map_scan.sigmas, first, poses, found, cut, A, b,
-            )  # fmt: skip
-            A /= CORRELATED
-            b /= CORRELATED
-            back = _difference(prior, now)
-            step = np.linalg.solve(A[:POSE_SIZE, :POSE_SIZE] + trust, b[:POSE_SIZE] + trust @ back)
-            settled = reach <= GATE_M and float(np.max(np.abs(step))) < 2e-4
-            if settled or turn == ROUNDS - 1:
-                break
-            now = now + step
-        moved = b + A[:, :POSE_SIZE] @ _difference(now, prior)
-        values, vectors = np.linalg.eigh(A)
-        observable = values > 1e-6 * max(float(values[-1]), 1.0)
-        root = np.sqrt(values[observable])
-        H = root[:, None] * vectors[:, observable].T
-        return _Fit(used, roughness, H, (vectors[:, observable].T @ moved) / root)
+        return KeyframeScans.at(poses, [self._scans[j] for j in chosen])
 
     def _given_keyframes(self, state: Gaussian, chosen: list[int]) -> Float[np.ndarray, "3 3"]:
         """Information on the current pose if these keyframes were known exactly."""
@@ -395,23 +338,7 @@ class Registration:
         )
 
 
-@dataclass(frozen=True)
-class _Fit:
-    """Number of correspondences, mean squared residual, and the measurement H (current, keyframes) with unit noise."""
-
-    correspondences: int
-    roughness: float
-    H: Float[np.ndarray, "z r"]
-    innovation: Float[np.ndarray, "z"]
-
-
 def _circle(scan: Scan) -> tuple[Float[np.ndarray, "2"], float]:
     """Centre and radius of the bounding circle."""
     centre = (scan.points.min(axis=0) + scan.points.max(axis=0)) / 2.0
     return centre, float(np.sqrt(np.max(np.sum((scan.points - centre) ** 2, axis=1))))
-
-
-def _difference(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    difference = a - b
-    difference[2] = wrap_angle(float(difference[2]))
-    return np.asarray(difference)
