@@ -171,7 +171,7 @@ class Pipeline:
 
     def footprints(self) -> list[Footprint]:
         """Outlines of the static obstacles mapped so far, map frame; those of most points first."""
-        return [] if self._pipeline is None else self._pipeline.footprints()
+        return [] if self._pipeline is None else self._pipeline.maps.footprints()
 
     def _check(self, frame: Frame) -> None:
         """Refuse what the pipeline would leave aside without a word."""

@@ -13,26 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from mapping.grid.confidence import ConfidenceLayer, looked_at
-from mapping.grid.dynamic_traces import DynamicTraces
-from mapping.grid.egocentric_grid import EgocentricGrid
-from mapping.grid.world_map import WorldMap
-from mapping.io.clouds import CloudBuilder
-from mapping.objects.footprints import Footprint
-from mapping.objects.obstacle_cloud import ObstacleCloud
 from perception.depth import points
 from perception.depth.health import DepthHealth
 from perception.depth.self_filter import blackened
 from perception.depth.sources import DepthSources
 from perception.estimate import Estimate
 from perception.floor import choose, classify
-from perception.floor.segmented_view import (
-    SegmentedView,
-    Sight,
-    colours_of,
-    near_moving_obstacles,
-    truncated,
-)
+from perception.floor.segmented_view import SegmentedView, Sight, truncated
 from perception.localisation import landmarks
 from perception.localisation.filter import PoseFilter, UpdateReport
 from perception.localisation.given_poses import GivenPoses
@@ -61,6 +48,7 @@ from planning.world_model import WorldModel
 from ..config.schema import Config
 from ..recordings.recording import RecordingInfo
 from .ground_watch import GroundWatch
+from .maps import RunMaps
 
 FLOORS = 6  # ours: floors that are compared with the joints together; two seconds of two cameras
 UPPER_ROWS = 2  # ours: of an image; what reaches them goes on above it
@@ -69,7 +57,7 @@ HEIGHTS, MISPLACED_NIS = 4, 1e3
 
 
 class Pipeline:
-    """Perception of a run. Its state from frame to frame: pose source, tracks, maps, point clouds."""
+    """Perception of a run. Its state from frame to frame: pose source, tracks, maps."""
 
     def __init__(self, config: Config, info: RecordingInfo) -> None:
         self.config = config
@@ -81,8 +69,7 @@ class Pipeline:
         self.pose_source = make_pose_source(config, info, self.depth_sources)
         self.tracker = ObstacleTracker(config.tracker)
         self.rng = np.random.default_rng(config.seed)
-        self.cloud = CloudBuilder(config.cloud)
-        self.obstacle_cloud = ObstacleCloud(config.cloud)
+        self.maps = RunMaps(config)
         self.health = DepthHealth(config.depth_health)
         flow = config.swarm.as_walked.prediction == "flow"
         self.colour_floor = ColourFloorFinder(config.monocular, flow)
@@ -90,15 +77,6 @@ class Pipeline:
         self._floors, self._heights = Bias(2, FLOORS), Surprise(1, HEIGHTS)
         self._status = StatusBoard()
         self.ground = GroundWatch(config, self.floor_config)
-        self._reset_maps()
-
-    def _reset_maps(self) -> None:
-        """Begin with empty maps."""
-        self.world = WorldMap(self.config.world_map)
-        self.grid: EgocentricGrid | None = None
-        self.confidence: ConfidenceLayer | None = None
-        self._mapped_s: float | None = None
-        self._traces = DynamicTraces()
 
     def cycle(self, frame: Frame) -> WorldModel:
         """Process one frame, from images to tracks and maps."""
@@ -142,7 +120,7 @@ class Pipeline:
                     sight,
                 )
         with watch.stage("map"):
-            self._update_maps(frame, views, pose)
+            self.maps.update(frame, views, self.tracker.obstacles, pose)
         if self.ground.map is not None:
             with watch.stage("ground"):
                 self.ground.update(frame, views, None if pose is None else _pose2(pose))
@@ -162,7 +140,8 @@ class Pipeline:
             self.health.healthy,
             self._status.update(frame.stamp_s, doubts),
         )
-        return WorldModel(estimate, self.grid, self.confidence, self.world, self.landmarks)
+        maps = self.maps
+        return WorldModel(estimate, maps.grid, maps.confidence, maps.world, self.landmarks)
 
     def _watched(self, frame: Frame) -> tuple[Frame, list[Doubt]]:
         """The frame by the clock of the run, with the pictures that can be used, and what is wrong with it."""
@@ -201,10 +180,6 @@ class Pipeline:
             return self.config.monocular.use == "always"
         lost = self.config.depth_health.fall_back and not self.health.healthy
         return self.config.mission.planner == "swarm" or lost
-
-    def footprints(self) -> list[Footprint]:
-        """Footprints of the static obstacles of the world map."""
-        return self.obstacle_cloud.footprints(self.world, self.config.footprints)
 
     def _segment(self, sensor: str, depth: Depth) -> SegmentedView | None:
         """Points, floor and classes of one depth image; None if the floor is neither visible nor expected."""
@@ -315,82 +290,6 @@ class Pipeline:
                 for other in placed
             )
         ]
-
-    def _update_maps(
-        self, frame: Frame, views: Sequence[SegmentedView], pose: Gaussian | None
-    ) -> None:
-        """Enter the views of a frame into maps and point clouds."""
-        if not views:
-            return
-        if pose is None:  # without a pose the map covers a single frame
-            self._reset_maps()
-        here = np.zeros(2) if pose is None else pose.mean[:2]
-        elapsed = 0.0 if self._mapped_s is None else frame.stamp_s - self._mapped_s
-        self._mapped_s = frame.stamp_s
-        if self.grid is None:
-            self.grid = EgocentricGrid(self.config.grid, here)
-            self.confidence = ConfidenceLayer(self.grid, self.config.confidence)
-        assert self.confidence is not None
-        self.grid.move(here)
-        if pose is not None and frame.odometry is not None:
-            self.obstacle_cloud.stand(here)
-        self.confidence.decay(elapsed)
-        for view in views:
-            self._add_to_maps(frame, view, pose)
-            self.confidence.see(
-                looked_at(view, self.grid, self.config.reach.of(view.sensor).farthest_m)
-            )
-        traces = self._traces.update(self.tracker.obstacles, frame.stamp_s)
-        for one in (self.grid, self.world):
-            one.mark_moving(*traces)
-            one.age(elapsed)
-
-    def _add_to_maps(self, frame: Frame, view: SegmentedView, pose: Gaussian | None) -> None:
-        """Enter one view into grid, world map and point clouds."""
-        assert self.grid is not None
-        used = np.flatnonzero(view.classes != classify.OVERHANG)
-        upright, points = view.upright.take(used, axis=0), view.points.of(used)
-        is_obstacle = view.classes.take(used) != classify.FLOOR
-        is_moving = is_obstacle.copy()
-        is_moving[is_obstacle] = near_moving_obstacles(
-            upright[is_obstacle, :2], self.tracker.obstacles
-        )
-        camera = view.T_map_camera.position
-        floor = view.floor.moved(view.T_map_camera)
-        x, y, depth = points.xyz.T
-        drop = np.abs(upright[:, 2] - view.floor.offset_m) / depth
-        stretch = np.sqrt(x * x + y * y + depth * depth) / depth
-        self.grid.update(
-            upright,
-            is_obstacle,
-            frame.stamp_s,
-            camera[:2],
-            is_moving=is_moving,
-            sensor_height_m=view.floor.offset_m,
-            sigma_m=points.sigma * drop,
-            floor=floor,
-            pose=pose,
-        )
-        self.world.update(
-            upright,
-            is_obstacle,
-            frame.stamp_s,
-            np.array([*camera[:2], view.floor.offset_m]),
-            is_moving=is_moving,
-            sigma_m=points.sigma * stretch,
-            floor=floor,
-            pose=pose,
-        )
-        colours = colours_of(view, frame.colour)
-        self.cloud.add(view.upright, colours)
-        still = np.flatnonzero(is_obstacle & ~is_moving)
-        self.obstacle_cloud.add(
-            upright.take(still, axis=0),
-            points.sigma.take(still),
-            camera,
-            pose,
-            None if colours is None else colours.take(used.take(still), axis=0),
-        )
 
 
 def make_pose_source(config: Config, info: RecordingInfo, sources: DepthSources) -> PoseSource:

@@ -175,22 +175,23 @@ class RunRecorder:
         """Write maps, summary and, if asked for, the report and the tables, and close all files."""
         folder = self._folder
         self._close_tables(pipeline)
-        world = pipeline.world
+        maps = pipeline.maps
+        world = maps.world
         nav2.save(folder.root, "map", world.probability, world.known, world.origin, world.cell_m)
         world_file.save(folder.root, world)
         divided = rooms_of(world)
         if divided.rooms:
             folder.write_json(ROOMS, room_entries(divided))
-        if pipeline.grid is not None:
-            grid_file.save(folder.path("terrain.npz"), pipeline.grid, pipeline.confidence)
+        if maps.grid is not None:
+            grid_file.save(folder.path("terrain.npz"), maps.grid, maps.confidence)
         ground = pipeline.ground
         if ground.map is not None and ground.images:
             folder.write_json(
                 ground_file.NAME, ground_file.entries(ground.map.surfaces, ground.body)
             )
-        points, colours = pipeline.cloud.cloud()
+        points, colours = maps.cloud.cloud()
         if len(points):
-            attributes = {"sightings": pipeline.cloud.sightings}
+            attributes = {"sightings": maps.cloud.sightings}
             clouds.save_ply(folder.path("cloud.ply"), points, colours, attributes)
         folder.write_json("views.json", self._views)
         folder.write_json(
@@ -239,7 +240,7 @@ class RunRecorder:
         self._poses.close(keep_empty=False)
         if self._poses.rows and not self._folder.has("trajectory.txt"):  # that of a camera in space
             self._folder.write_planar_trajectory()
-        footprints = pipeline.footprints()
+        footprints = pipeline.maps.footprints()
         self._tracks.close_into(
             "tracks", {"footprints": [footprint_entry(one) for one in footprints]}
         )

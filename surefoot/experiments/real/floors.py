@@ -55,7 +55,7 @@ def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
         pairs += [(view.floor, truth) for view in estimate.views if view.seen is not None]
     assert last is not None
     angle, height = errors(pairs)
-    found = last.footprints()
+    found = last.maps.footprints()
     largest = max((one for one in found if one.box is not None), key=lambda one: one.points).box
     assert largest is not None
     figures = {
