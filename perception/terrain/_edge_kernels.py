@@ -1,4 +1,4 @@
-"""Compiled loops over the borders of regions: where one ends, what is beyond, and the straight lines there."""
+"""Compiled loops over the borders of regions: the straight lines there."""
 
 from __future__ import annotations
 
@@ -7,14 +7,8 @@ import math
 import numpy as np
 
 from ..primitives.compiled import njit
+from ._border_kernels import DOWN, LEFT, RIGHT, UP
 
-GAP_PX = 3  # ours: pixels without depth or region that a border may be wide: flying pixels
-BEYOND_PX = 4  # ours: how far beyond a fold its sense is judged
-MIXED_PX = 1  # ours: pixels between two surfaces that may see both
-MOST_FOLD_SIGMAS = 10.0  # ours: beyond, a surface that begins in the border, not behind it
-MOST_BACK_PX = 8  # ours
-CONVEX, CONCAVE, OCCLUDING, HIDDEN = 0, 1, 2, 3
-UP, DOWN, LEFT, RIGHT = 0, 1, 2, 3
 LEAST_SAMPLES, MOST_SAMPLES = 10, 120  # ours: pixels of an edge; more are thinned
 MOST_EDGES = 2  # ours: of one kind on one side of a region
 TRIALS = 12  # ours: samples from which lines to two others are tried
@@ -24,147 +18,6 @@ LEAST_SHARE = 0.2  # ours: of the samples of a side that an edge explains
 LEAST_WIDTH_M = 1e-4  # of a pixel on a plane, as far as it counts
 PARTS = 8  # ours: of an edge, whose scatter tells its covariance
 LINE = 15  # both ends (3 each), variances of angle and offset and their covariance, pixel width, region, kind, other, noise, samples
-FIELDS = 6  # region, side, kind, other region or -1, flat pixel inside, pixels to the one outside
-
-
-@njit(cache=True, nogil=True)
-def fitting(
-    labels: np.ndarray,
-    q: np.ndarray,
-    weight: np.ndarray,
-    slope_x: np.ndarray,
-    slope_y: np.ndarray,
-    a: np.ndarray,
-    pixel: tuple[int, int],
-    way: tuple[int, int],
-    off: float,
-) -> int:
-    """Pixels of a region, inwards from its border, that fit only by their noise and are of the surface beyond.
-
-    Args:
-        labels, q, weight, slope_x, slope_y: As for `borders`.
-        a: Slope of the region.
-        pixel, way: The last pixel of the region, and the step outwards.
-        off: Residual of the first pixel beyond: theirs have the same sign.
-    """
-    (v, u), (dv, du) = pixel, way
-    label = labels[v, u]
-    for back in range(MOST_BACK_PX):
-        m, n = v - back * dv, u - back * du
-        if not (0 <= m < labels.shape[0] and 0 <= n < labels.shape[1]) or labels[m, n] != label:
-            return max(back - 1, 0)
-        x = slope_x[m if slope_x.shape[0] > 1 else 0, n]
-        y = slope_y[m, n if slope_y.shape[1] > 1 else 0]
-        e = (q[m, n] - (a[0] * x + a[1] * y + a[2])) * math.sqrt(weight[m, n])
-        if e * math.copysign(1.0, off) < 1.0:
-            return back
-    return MOST_BACK_PX - 1
-
-
-@njit(cache=True, nogil=True)
-def borders(
-    labels: np.ndarray,
-    q: np.ndarray,
-    weight: np.ndarray,
-    slope_x: np.ndarray,
-    slope_y: np.ndarray,
-    slopes: np.ndarray,
-    sigmas: float,
-    found: np.ndarray,
-) -> int:
-    """Pairs of pixels along columns and rows of which the first is the last one of its region.
-
-    Args:
-        labels: (h, w), region of every pixel, -1 if none.
-        q, weight: (h, w), inverse depth and one over its variance; 0 where there is no depth.
-        slope_x, slope_y: Ray slopes as (1 or h, w) and (h, 1 or w) tables.
-        slopes: (m, 3), a of every region.
-        sigmas: Standard deviations within which two surfaces meet.
-        found: (n, FIELDS), written as far as it reaches.
-
-    Returns:
-        Number of pairs.
-    """
-    height, width = labels.shape
-    rows_x, columns_y = slope_x.shape[0], slope_y.shape[1]
-    count = 0
-    for v in range(height):
-        for u in range(width):
-            label = labels[v, u]
-            if label < 0:
-                continue
-            if (
-                0 < v < height - 1
-                and 0 < u < width - 1
-                and labels[v - 1, u] == label
-                and labels[v + 1, u] == label
-                and labels[v, u - 1] == label
-                and labels[v, u + 1] == label
-            ):
-                continue
-            for side in range(4):
-                dv = -1 if side == UP else 1 if side == DOWN else 0
-                du = -1 if side == LEFT else 1 if side == RIGHT else 0
-                step, first = 1, 0  # first: the nearest pixel with depth of no region
-                while step <= GAP_PX:
-                    m, n = v + step * dv, u + step * du
-                    if not (0 <= m < height and 0 <= n < width):
-                        step = GAP_PX + 2
-                    elif labels[m, n] >= 0:
-                        break
-                    else:
-                        if first == 0 and weight[m, n] > 0.0:
-                            first = step
-                        step += 1
-                m, n = v + step * dv, u + step * du
-                if step == GAP_PX + 1:  # wide: depth of no region, or none
-                    if not (0 <= m < height and 0 <= n < width) or weight[m, n] == 0.0:
-                        continue
-                elif step > GAP_PX + 1 or labels[m, n] == label:
-                    continue
-                if count == found.shape[0]:
-                    return count
-                other = labels[m, n]
-                x0 = slope_x[v if rows_x > 1 else 0, u]
-                y0 = slope_y[v, u if columns_y > 1 else 0]
-                x1 = slope_x[m if rows_x > 1 else 0, n]
-                y1 = slope_y[m, n if columns_y > 1 else 0]
-                x, y = (x0 + x1) / 2.0, (y0 + y1) / 2.0
-                a = slopes[label]
-                own = a[0] * x + a[1] * y + a[2]
-                b = slopes[max(other, 0)]
-                if other >= 0:
-                    there = b[0] * x + b[1] * y + b[2]
-                    wide = (b[0] - a[0]) * (x1 - x0) + (b[1] - a[1]) * (y1 - y0)
-                    ahead = there - own + wide * BEYOND_PX / step
-                else:
-                    there = q[m, n]
-                    own = a[0] * x1 + a[1] * y1 + a[2]
-                    wide, ahead = 0.0, 0.0
-                noise = sigmas * (weight[v, u] ** -0.5)
-                if abs(there - own) < noise + abs(wide) and other >= 0:
-                    kind = CONCAVE if ahead > 0.0 else CONVEX
-                else:
-                    kind = OCCLUDING if there < own else HIDDEN
-                found[count, 0] = label
-                found[count, 1] = side
-                found[count, 2] = kind
-                found[count, 3] = other
-                back = 0
-                if first > 0 and step > MIXED_PX + 1:  # a surface of no region
-                    step = first
-                    m, n = v + first * dv, u + first * du
-                    x1 = slope_x[m if rows_x > 1 else 0, n]
-                    y1 = slope_y[m, n if columns_y > 1 else 0]
-                    off = q[m, n] - (a[0] * x1 + a[1] * y1 + a[2])
-                    if abs(off) * math.sqrt(weight[m, n]) < MOST_FOLD_SIGMAS:
-                        back = fitting(
-                            labels, q, weight, slope_x, slope_y, a, (v, u), (dv, du), off
-                        )
-                found[count, 4] = (v - back * dv) * width + u - back * du
-                found[count, 5] = step if back == 0 else 1
-                count += 1
-    return count
 
 
 @njit(cache=True, nogil=True)
@@ -185,7 +38,7 @@ def samples(
     """Places of pairs of pixels of one region on its plane, along its tangents from its middle.
 
     Args:
-        rows: (n, FIELDS), from `borders`.
+        rows: (n, FIELDS), from `_border_kernels.borders`.
         q, weight, slope_x, slope_y: As there.
         plane, middle, tangents: Normal and offset (4,), a point (3,), and (2, 3).
         at, steps, noise, kept: (n, 2), (n, 2), (n,) and (n,), written: place of the border, width of a pixel
@@ -223,6 +76,15 @@ def samples(
     return count
 
 
+@njit(cache=True, nogil=True, forceinline=True)
+def off_line(
+    at: np.ndarray, steps: np.ndarray, k: int, x: float, y: float, off: float
+) -> tuple[float, float]:
+    """Distance of a sample from the line of this normal and offset, and the width of its pixel across it, m."""
+    wide = max(abs(steps[k, 0] * x + steps[k, 1] * y), LEAST_WIDTH_M)
+    return abs(at[k, 0] * x + at[k, 1] * y - off), wide
+
+
 @njit(cache=True, nogil=True)
 def largest_line(at: np.ndarray, steps: np.ndarray) -> tuple[int, float, float, float]:
     """Samples on the line that has most of them, its normal and its offset."""
@@ -239,8 +101,8 @@ def largest_line(at: np.ndarray, steps: np.ndarray) -> tuple[int, float, float, 
         off = at[one, 0] * x + at[one, 1] * y
         near = 0
         for k in range(count):
-            wide = max(abs(steps[k, 0] * x + steps[k, 1] * y), LEAST_WIDTH_M)
-            if abs(at[k, 0] * x + at[k, 1] * y - off) < INLIER_PX * wide:
+            away, wide = off_line(at, steps, k, x, y, off)
+            if away < INLIER_PX * wide:
                 near += 1
         if near > most:
             most, best_x, best_y, best_off = near, x, y, off
@@ -316,6 +178,98 @@ def fit_line(
     return cx + shift * y, cy - shift * x, y, -x, (high - low) / 2.0, float(count)
 
 
+@njit(cache=True, nogil=True, forceinline=True)
+def samples_on(
+    at: np.ndarray, steps: np.ndarray, count: int, x: float, y: float, off: float, most: int
+) -> np.ndarray:
+    """The samples on the line of this normal and offset; `most` is their number."""
+    on, inside = np.empty(most, np.int64), 0
+    for k in range(count):
+        away, wide = off_line(at, steps, k, x, y, off)
+        if away < INLIER_PX * wide:
+            on[inside] = k
+            inside += 1
+    return on
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def keep_beside(
+    at: np.ndarray,
+    steps: np.ndarray,
+    noise: np.ndarray,
+    kept: np.ndarray,
+    count: int,
+    x: float,
+    y: float,
+    off: float,
+) -> int:
+    """Of the samples, as `samples` wrote them, keep those far enough from this line to be on another; their number."""
+    left = 0
+    for k in range(count):
+        away, wide = off_line(at, steps, k, x, y, off)
+        if away >= BESIDE_PX * wide:
+            at[left], steps[left] = at[k], steps[k]
+            noise[left], kept[left] = noise[k], kept[k]
+            left += 1
+    return left
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def place_ends(
+    middle: np.ndarray,
+    tangents: np.ndarray,
+    fit: tuple[float, float, float, float, float, float],
+    line: np.ndarray,
+) -> None:
+    """Both ends of a line in space, m.
+
+    Args:
+        middle, tangents: (3,) and (2, 3), of its region.
+        fit: From `fit_line`.
+        line: (LINE,), the ends are written.
+    """
+    cx, cy, dx, dy, half, _ = fit
+    for i in range(3):
+        centre = middle[i] + cx * tangents[0, i] + cy * tangents[1, i]
+        way = half * (dx * tangents[0, i] + dy * tangents[1, i])
+        line[i], line[3 + i] = centre - way, centre + way
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def region_beyond(group: np.ndarray, kept: np.ndarray, on: np.ndarray, regions: int) -> float:
+    """The region that is beyond most of these samples; -1 if none is beyond any.
+
+    Args:
+        group: (n, FIELDS), the rows of one side and kind.
+        kept: Row of each sample.
+        on: The samples.
+        regions: Number of regions.
+    """
+    votes = np.zeros(regions, np.int64)
+    for k in on:
+        other = group[kept[k], 3]
+        if other >= 0:
+            votes[other] += 1
+    return float(np.argmax(votes)) if votes.max() > 0 else -1.0
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def mean(values: np.ndarray, chosen: np.ndarray) -> float:
+    """Mean of some of the values."""
+    total = 0.0
+    for k in chosen:
+        total += values[k]
+    return total / chosen.shape[0]
+
+
+@njit(cache=True, nogil=True)
+def more_across(line: np.ndarray) -> bool:
+    """Whether a line runs more across the image than down, and so is best crossed by columns."""
+    across = abs(line[3] / line[5] - line[0] / line[2])
+    down = abs(line[4] / line[5] - line[1] / line[2])
+    return across >= down
+
+
 @njit(cache=True, nogil=True)
 def lines_of(
     rows: np.ndarray,
@@ -335,7 +289,7 @@ def lines_of(
     Args:
         rows: (n, FIELDS), sorted by region, side and kind.
         ends: (m,), where each such group ends.
-        q, weight, slope_x, slope_y: As for `borders`.
+        q, weight, slope_x, slope_y: As for `samples`.
         planes, middles, tangents: (r, 4), (r, 3), (r, 2, 3), of every region.
         least: (2,), fewest samples along columns and rows.
         found: (k, LINE), written as far as it reaches.
@@ -365,40 +319,17 @@ def lines_of(
             most, x, y, off = largest_line(at[:count], steps[:count])
             if most < fewest or number == found.shape[0]:
                 break
-            on, left = np.empty(most, np.int64), 0
-            inside = 0
-            mean = 0.0
-            votes = np.zeros(planes.shape[0], np.int64)
-            for k in range(count):
-                wide = max(abs(steps[k, 0] * x + steps[k, 1] * y), LEAST_WIDTH_M)
-                if abs(at[k, 0] * x + at[k, 1] * y - off) < INLIER_PX * wide:
-                    on[inside] = k
-                    inside += 1
-                    mean += noise[k]
-                    if group[kept[k], 3] >= 0:
-                        votes[group[kept[k], 3]] += 1
+            on = samples_on(at, steps, count, x, y, off, most)
             crossed = group[kept[on], 4]
             crossed = crossed // width if by_columns else crossed % width
             line = found[number]
-            cx, cy, dx, dy, half, run = fit_line(at[on], steps[on], crossed, line)
-            T, middle = tangents[region], middles[region]
-            for i in range(3):
-                centre = middle[i] + cx * T[0, i] + cy * T[1, i]
-                way = half * (dx * T[0, i] + dy * T[1, i])
-                line[i], line[3 + i] = centre - way, centre + way
+            fit = fit_line(at[on], steps[on], crossed, line)
+            place_ends(middles[region], tangents[region], fit, line)
             line[10], line[11] = float(region), float(group[0, 2])
-            line[12] = float(np.argmax(votes)) if votes.max() > 0 else -1.0
-            line[13], line[14] = mean / most, run
-            across = abs(line[3] / line[5] - line[0] / line[2])
-            down = abs(line[4] / line[5] - line[1] / line[2])
-            if (across >= down) == by_columns:  # else rows cross it at a larger angle
+            line[12] = region_beyond(group, kept, on, planes.shape[0])
+            line[13], line[14] = mean(noise, on), fit[5]
+            if more_across(line) == by_columns:  # else the others cross it at a larger angle
                 number += 1
                 lines += 1
-            for k in range(count):
-                wide = max(abs(steps[k, 0] * x + steps[k, 1] * y), LEAST_WIDTH_M)
-                if abs(at[k, 0] * x + at[k, 1] * y - off) >= BESIDE_PX * wide:
-                    at[left], steps[left] = at[k], steps[k]
-                    noise[left], kept[left] = noise[k], kept[k]
-                    left += 1
-            count = left
+            count = keep_beside(at, steps, noise, kept, count, x, y, off)
     return number

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..primitives.frame import Depth
-from . import _edge_kernels as kernels
+from . import _border_kernels, _edge_kernels
 from .region import Edge, EdgeKind, Region
 
 MEET_SIGMAS = 3.0  # ours
@@ -53,16 +53,16 @@ def straight_edges(
     matched = depth.baseline_m > 0.0
     planes = np.array([[*one.plane.normal, one.plane.offset_m] for one in regions])
     slopes = -planes[:, :3] / planes[:, 3:]
-    rows = np.empty((64 * (height + width), kernels.FIELDS), np.int64)
-    rows = rows[: kernels.borders(labels, q, weight, x, y, slopes, MEET_SIGMAS, rows)]
-    rows = rows[rows[:, 2] != kernels.HIDDEN]
+    rows = np.empty((64 * (height + width), _border_kernels.FIELDS), np.int64)
+    rows = rows[: _border_kernels.borders(labels, q, weight, x, y, slopes, MEET_SIGMAS, rows)]
+    rows = rows[rows[:, 2] != _border_kernels.HIDDEN]
     if not len(rows):
         return regions
     group = (rows[:, 0] * 4 + rows[:, 1]) * 4 + rows[:, 2]
     order = np.argsort(group, kind="stable")
     ends = np.flatnonzero(np.diff(group[order], append=-1)) + 1
-    found = np.empty((MOST_LINES, kernels.LINE))
-    count = kernels.lines_of(
+    found = np.empty((MOST_LINES, _edge_kernels.LINE))
+    count = _edge_kernels.lines_of(
         rows[order],
         ends,
         q,

@@ -16,17 +16,17 @@ from jaxtyping import Bool, Float, Int
 
 from ..primitives.camera import Camera
 from ..primitives.plane import Plane
-from . import _edge_kernels as kernels
+from . import _border_kernels as borders
 
 
 class EdgeKind(IntEnum):
     """What is beyond an edge of a region."""
 
-    CONVEX = kernels.CONVEX
+    CONVEX = borders.CONVEX
     """A region that falls away from it: a nosing with its riser below."""
-    CONCAVE = kernels.CONCAVE
+    CONCAVE = borders.CONCAVE
     """A region that rises from it: the foot of a riser, wall or box."""
-    OCCLUDING = kernels.OCCLUDING
+    OCCLUDING = borders.OCCLUDING
     """Something farther away: the region ends, as at a step down or the edge of a hole."""
 
 
