@@ -157,6 +157,42 @@ def average(
             mean[j] = total
 
 
+@njit(cache=True, forceinline=True)
+def deviations(
+    points: np.ndarray,
+    middle: np.ndarray,
+    weights: np.ndarray,
+    angles: np.ndarray,
+    wrap: bool,
+    first: int,
+    wide: np.ndarray,
+    away: np.ndarray,
+) -> None:
+    """Write the weighted deviations of points from their mean, a column each; that of a negative weight apart.
+
+    Args:
+        points: (k, n).
+        middle: (n,), their mean.
+        weights: (k,), of covariance; only the first may be negative.
+        angles: (n,), which entries are angles.
+        wrap: Whether to wrap their differences; those of points drawn round the mean need not be.
+        first: Row of `wide`, and entry of `away`, of the first entry.
+        wide: Written; without the point of negative weight.
+        away: Written: the deviation of that point, if there is one.
+    """
+    plus = 1 if weights[0] < 0.0 else 0
+    for k in range(points.shape[0]):
+        share = math.sqrt(abs(weights[k]))
+        for j in range(points.shape[1]):
+            difference = points[k, j] - middle[j]
+            if wrap and angles[j]:
+                difference = wrapped(difference)
+            if k == 0 and plus:
+                away[first + j] = share * difference
+            else:
+                wide[first + j, k - plus] = share * difference
+
+
 @njit(cache=True)
 def predicted(
     points: np.ndarray,
@@ -184,16 +220,7 @@ def predicted(
     fresh = away[1]
     average(points, size, weights_mean, angles, fresh)
     plus = 1 if weights[0] < 0.0 else 0
-    for k in range(count):
-        share = math.sqrt(abs(weights[k]))
-        for j in range(size):
-            difference = points[k, j] - fresh[j]
-            if angles[j]:
-                difference = wrapped(difference)
-            if k == 0 and plus:
-                away[0, j] = share * difference
-            else:
-                wide[j, k - plus] = share * difference
+    deviations(points, fresh, weights, angles, True, 0, wide, away[0])
     for j in range(size):
         for k in range(size):
             wide[j, count - plus + k] = noise_root[j, k]
@@ -209,7 +236,63 @@ def predicted(
     return True
 
 
-@njit(cache=True)  # long: each step writes the scratch arrays of the next
+@njit(cache=True, forceinline=True)
+def whiten(
+    root: np.ndarray,
+    measured: np.ndarray,
+    expected: np.ndarray,
+    angles: np.ndarray,
+    innovation: np.ndarray,
+) -> tuple[float, float]:
+    """Whiten an innovation by the root of its covariance; returns its squared norm and the log density.
+
+    Args:
+        root: At least (m, m), lower; further rows and columns are not read.
+        measured, expected: (m,).
+        angles: (m,), which entries are angles.
+        innovation: (m,), written.
+    """
+    width = measured.shape[0]
+    squared, log_density = 0.0, -0.5 * width * math.log(2.0 * math.pi)
+    for j in range(width):
+        difference = measured[j] - expected[j]
+        if angles[j]:
+            difference = wrapped(difference)
+        for k in range(j):
+            difference -= root[j, k] * innovation[k]
+        innovation[j] = difference / root[j, j]
+        squared += innovation[j] * innovation[j]
+        log_density -= math.log(root[j, j])
+    return squared, log_density - 0.5 * squared
+
+
+@njit(cache=True, forceinline=True)
+def move(
+    mean: np.ndarray,
+    root: np.ndarray,
+    innovation: np.ndarray,
+    angles: np.ndarray,
+    fresh: np.ndarray,
+) -> None:
+    """The mean after an update.
+
+    Args:
+        mean: (n,), before it.
+        root: (m + n, at least m), lower, of measurement and state together.
+        innovation: (m,), whitened.
+        angles: (n,), which entries are angles.
+        fresh: (n,) at least, written.
+    """
+    width = innovation.shape[0]
+    for j in range(mean.shape[0]):
+        fresh[j] = mean[j]
+        for k in range(width):
+            fresh[j] += root[width + j, k] * innovation[k]
+        if angles[j]:
+            fresh[j] = wrapped(fresh[j])
+
+
+@njit(cache=True)
 def corrected(
     points: np.ndarray,
     seen: np.ndarray,
@@ -248,22 +331,8 @@ def corrected(
     average(seen, width, weights_mean, angles_seen, expected)
     plus = 1 if weights[0] < 0.0 else 0
     columns = count - plus + width
-    for k in range(count):
-        share = math.sqrt(abs(weights[k]))
-        for j in range(width):
-            difference = seen[k, j] - expected[j]
-            if angles_seen[j]:
-                difference = wrapped(difference)
-            if k == 0 and plus:
-                away[0, j] = share * difference
-            else:
-                wide[j, k - plus] = share * difference
-        for j in range(size):
-            difference = points[k, j] - mean[j]
-            if k == 0 and plus:
-                away[0, width + j] = share * difference
-            else:
-                wide[width + j, k - plus] = share * difference
+    deviations(seen, expected, weights, angles_seen, True, 0, wide, away[0])
+    deviations(points, mean, weights, angles, False, width, wide, away[0])
     for k in range(width):
         for j in range(width):
             wide[j, count - plus + k] = noise_root[j, k]
@@ -272,28 +341,13 @@ def corrected(
     lower(wide, width + size, width + size, columns, columns)
     if plus:
         take_away(wide, width + size, away[0], work)
-    squared, log_density = 0.0, -0.5 * width * math.log(2.0 * math.pi)
-    for j in range(width):
-        difference = measured[j] - expected[j]
-        if angles_seen[j]:
-            difference = wrapped(difference)
-        for k in range(j):
-            difference -= wide[j, k] * innovation[k]
-        innovation[j] = difference / wide[j, j]
-        squared += innovation[j] * innovation[j]
-        log_density -= math.log(wide[j, j])
-    log_density -= 0.5 * squared
+    squared, log_density = whiten(wide, measured, expected, angles_seen, innovation)
     if not math.isfinite(squared):
         return -1, -math.inf
     if squared > gate:
         return 0, log_density
     fresh = away[0]
-    for j in range(size):
-        fresh[j] = mean[j]
-        for k in range(width):
-            fresh[j] += wide[width + j, k] * innovation[k]
-        if angles[j]:
-            fresh[j] = wrapped(fresh[j])
+    move(mean, wide, innovation, angles, fresh)
     for j in range(size):
         if not math.isfinite(fresh[j]):
             return -1, -math.inf
