@@ -101,6 +101,41 @@ def project(
         u[n], v[n] = fx * px * inverse + cx, fy * py * inverse + cy
 
 
+@njit(cache=True, nogil=True, forceinline=True)
+def huber_root(size: np.float32) -> np.float32:
+    """Square root of the Huber weight of a residual of this size, in standard deviations."""
+    root, huber = np.float32(1.0), np.float32(HUBER)
+    if size > huber:
+        root = np.sqrt(huber / size)
+    return root
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def enter(
+    rows: np.ndarray,
+    n: int,
+    a: np.float32,
+    b: np.float32,
+    c: np.float32,
+    qx: np.float32,
+    qy: np.float32,
+    qz: np.float32,
+    residual: np.float32,
+) -> None:
+    """Write equation n: a residual that changes by (a, b, c) per metre of the point q, through a motion (v, w) of it.
+
+    Args:
+        rows: (7, at least n + 1), the six of J and the residual.
+        n: Column.
+        a, b, c: Gradient by the point, by v; q x (a, b, c) is that by w.
+        qx, qy, qz: The point in the target's axes, m.
+        residual: Weighted, as the gradient.
+    """
+    rows[0, n], rows[1, n], rows[2, n] = a, b, c
+    rows[3, n], rows[4, n] = qy * c - qz * b, qz * a - qx * c
+    rows[5, n], rows[6, n] = qx * b - qy * a, residual
+
+
 @njit(cache=True, nogil=True)
 def look_up(
     z: np.ndarray,
@@ -121,7 +156,7 @@ def look_up(
     Long, because geometric and photometric equations share most of their values.
     """
     height, width = target.shape[:2]
-    half, huber = np.float32(0.5), np.float32(HUBER)
+    half = np.float32(0.5)
     right, bottom = np.float32(width) - half, np.float32(height) - half
     use_grey = has_grey and light[0] > 0.0
     deviation = np.float32(light[0] if use_grey else 1.0)
@@ -160,16 +195,12 @@ def look_up(
         size = abs(e)
         if size < three:
             fitting += judged
-        root = one
-        if size > huber:
-            root = np.sqrt(huber / size)
+        root = huber_root(size)
         geometric += root * root * e * e
         geometric_count += 1
         root_scale = root * scale
         a, b, c = nx * root_scale, ny * root_scale, nz * root_scale
-        rows[0, count], rows[1, count], rows[2, count] = a, b, c
-        rows[3, count], rows[4, count] = qy * c - qz * b, qz * a - qx * c
-        rows[5, count], rows[6, count] = qx * b - qy * a, root * e
+        enter(rows, count, a, b, c, qx, qy, qz, root * e)
         count += 1
         if not use_grey:
             continue
@@ -181,15 +212,11 @@ def look_up(
         photometric_count += 1
         if gu * gu + gv * gv < one or size > six:
             continue
-        root = one
-        if size > huber:
-            root = np.sqrt(huber / size)
+        root = huber_root(size)
         root_scale = root * per_grey / qz
         a, b = gu * fx * root_scale, gv * fy * root_scale
         c = -(a * qx + b * qy) / qz
-        rows[0, count], rows[1, count], rows[2, count] = a, b, c
-        rows[3, count], rows[4, count] = qy * c - qz * b, qz * a - qx * c
-        rows[5, count], rows[6, count] = qx * b - qy * a, root * e
+        enter(rows, count, a, b, c, qx, qy, qz, root * e)
         count += 1
     totals[VALID] += valid
     totals[VISIBLE] += visible
