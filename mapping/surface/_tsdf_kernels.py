@@ -214,8 +214,8 @@ def integrate(
                     inverse = one / qz
                     u = fx * qx * inverse + cx + half
                     v = fy * qy * inverse + cy + half
-                    if u < 0.0 or v < 0.0 or u >= width or v >= height:
-                        continue
+                    if not (0.0 <= u < width and 0.0 <= v < height):
+                        continue  # also what is not a number
                     iu, iv = np.int32(u), np.int32(v)
                     depth = z[iv, iu]
                     if not depth < far:

@@ -172,8 +172,8 @@ def look_up(
         judged = counts[n]
         valid += judged
         qx, qy, qz, u, v = near[0, n], near[1, n], near[2, n], near[3, n], near[4, n]
-        if qz < np.float32(0.05) or u < -half or v < -half or u >= right or v >= bottom:
-            continue
+        if not (qz >= np.float32(0.05) and -half <= u < right and -half <= v < bottom):
+            continue  # also what is not a number
         iu, iv = np.int32(u + half), np.int32(v + half)
         cell = target[iv, iu]
         seen = cell[4]
@@ -368,10 +368,10 @@ def bends(
             qx = T[0, 0] * px + T[0, 1] * py + T[0, 2] * depth + T[0, 3]
             qy = T[1, 0] * px + T[1, 1] * py + T[1, 2] * depth + T[1, 3]
             qz = T[2, 0] * px + T[2, 1] * py + T[2, 2] * depth + T[2, 3]
-            if qz < 0.05:
+            if not qz >= 0.05:
                 continue
             u, v = fx * qx / qz + cx, fy * qy / qz + cy
-            if u < -0.5 or v < -0.5 or u >= width - 0.5 or v >= height - 0.5:
+            if not (-0.5 <= u < width - 0.5 and -0.5 <= v < height - 0.5):
                 continue
             cell = packed[int(v + 0.5), int(u + 0.5)]
             seen, noise = cell[4], sigma[row, column]

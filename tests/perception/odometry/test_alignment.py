@@ -205,3 +205,8 @@ def test_wrong_image_sizes_and_methods_are_refused() -> None:
         build(depth, rgb[:100])
     with pytest.raises(ConfigError, match="method"):
         AlignConfig(method="icp")
+
+
+def test_a_start_that_is_not_a_number_leads_to_no_motion() -> None:
+    nowhere = Pose3((np.nan, np.nan, np.nan))
+    assert align(image(Pose3()), image(Pose3()), [nowhere]) is None
