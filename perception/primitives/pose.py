@@ -13,6 +13,11 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from .errors import InputError
+
+ROTATION_TOLERANCE = 0.01
+"""Ours: of R R^T; matrices that KinectFusion prints are orthogonal to 1e-3."""
+
 
 def wrap_angle(angle_rad: float) -> float:
     """The same angle in [-pi, pi)."""
@@ -87,19 +92,30 @@ class Pose3:
 
     @staticmethod
     def from_matrix(matrix: Float[np.ndarray, "4 4"]) -> Pose3:
-        """From a homogeneous matrix whose upper left block is a rotation."""
-        x, y, z, w = _quaternion(matrix[:3, :3])
-        tx, ty, tz = (float(v) for v in matrix[:3, 3])
-        return Pose3((tx, ty, tz), (x, y, z, w))
+        """From a homogeneous matrix.
+
+        Raises:
+            InputError: A number is not finite, or the matrix is not a rigid motion.
+        """
+        rotation = matrix[:3, :3]
+        if not np.isfinite(matrix).all():
+            raise InputError("pose has a value that is not finite")
+        fault = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+        if fault > ROTATION_TOLERANCE:
+            raise InputError(f"pose is invalid: R R^T differs from 1 by {fault:.2f}")
+        if np.linalg.det(rotation) < 0.0:
+            raise InputError("pose is invalid: its determinant is -1 (a reflection)")
+        if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
+            raise InputError("pose is invalid: its last row is not 0 0 0 1")
+        return Pose3.from_rotation(rotation, matrix[:3, 3])
 
     @staticmethod
     def from_rotation(
         rotation: Float[np.ndarray, "3 3"], translation: Float[np.ndarray, "3"]
     ) -> Pose3:
         """From a rotation matrix and a translation in m."""
-        matrix = np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = rotation, translation
-        return Pose3.from_matrix(matrix)
+        tx, ty, tz = (float(v) for v in translation)
+        return Pose3((tx, ty, tz), _quaternion(rotation))
 
     @cached_property
     def rotation(self) -> Float[np.ndarray, "3 3"]:

@@ -18,6 +18,7 @@ from planning.world_model import WorldModel
 
 from ..config.load import load
 from ..config.schema import Config
+from ..recordings.codec import fault_of
 from ..recordings.recording import RecordingInfo
 from ..run import pipeline as run_pipeline
 from . import checks, views
@@ -179,6 +180,9 @@ class Pipeline:
             raise InputError(
                 f"stamp_s={frame.stamp_s} must be a number larger than the previous one ({self._stamp_s})"
             )
+        fault = fault_of(frame)
+        if fault is not None:
+            raise InputError(f"frame at {frame.stamp_s} s: {fault}")
         views = (frame.tof, frame.depth, frame.stereo, frame.colour)
         if (
             not any(view is not None for view in views)

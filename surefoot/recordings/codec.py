@@ -106,7 +106,7 @@ def encode(frame: Frame) -> EncodedFrame:
     Raises:
         InputError: A number is not finite, or an image has not the size of its camera.
     """
-    fault = _fault(frame)
+    fault = fault_of(frame)
     if fault is not None:
         raise InputError(f"frame at {frame.stamp_s} s: {fault}")
     tof, depth, stereo, colour = frame.tof, frame.depth, frame.stereo, frame.colour
@@ -157,7 +157,7 @@ def decode(encoded: EncodedFrame) -> Frame:
         footstep_due=encoded.footstep_due,
         joints=encoded.joints,
     )
-    fault = _fault(frame)
+    fault = fault_of(frame)
     if fault is not None:
         raise FrameError(fault)
     return frame
@@ -245,7 +245,7 @@ def _unpack(picture: EncodedPicture, colour_wanted: bool) -> UInt8[np.ndarray, "
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if colour_wanted else image
 
 
-def _fault(frame: Frame) -> str | None:
+def fault_of(frame: Frame) -> str | None:
     """What is impossible in a frame; None if nothing is."""
     values: dict[str, tuple[float, ...]] = {"stamp_s": (frame.stamp_s,)}
     if frame.odometry is not None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from perception.primitives import plugins
 from perception.primitives.errors import InputError, RecordingError
 
+from .checked import CheckedRecording
 from .description import Description, read_description
 from .euroc import is_euroc, open_euroc
 from .folder import pictures
@@ -69,7 +70,7 @@ def _open_with(reader: str, path: Path) -> Recording:
         raise InputError(
             f"recording reader {reader!r} lacks {', '.join(missing)}; see the protocol Recording"
         )
-    return recording
+    return CheckedRecording(recording)
 
 
 def _open_file(path: Path, description: Path | None) -> Recording:

@@ -112,3 +112,21 @@ def test_with_a_start_an_image_needs_its_mount():
     pipeline = surefoot.Pipeline(start=surefoot.Pose2())
     with pytest.raises(surefoot.InputError, match="T_body_camera"):
         pipeline.add(0.0, depth_m=floor_depth(), camera=CAMERA)
+
+
+@pytest.mark.parametrize(
+    ("place", "message"), [(np.nan, "not a number|finite"), (1e300, "finite numbers below")]
+)
+def test_a_frame_with_an_impossible_pose_is_refused_and_the_next_one_taken(place, message):
+    pipeline = surefoot.Pipeline(up_world=(0.0, 0.0, 1.0))
+
+    def add(k: int, x: float) -> surefoot.WorldModel:
+        pose = surefoot.Pose3((x, 0.0, 0.9), MOUNT.quat_xyzw)
+        return pipeline.add(0.1 * k, depth_m=floor_depth(), camera=CAMERA, T_world_camera=pose)
+
+    add(0, 0.0)
+    with pytest.raises(surefoot.InputError, match=message):
+        add(1, place)
+    world = add(2, 0.2)
+    assert world.pose is not None
+    assert world.pose.mean == pytest.approx([0.2, 0.0, 0.0], abs=1e-6)

@@ -1,0 +1,48 @@
+"""The frames of a reader of the user's own, checked as ours check theirs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from perception.primitives.frame import Frame
+
+from .codec import fault_of
+from .recording import FrameError, Recording, RecordingInfo, SkipLog, SkippedFrame
+
+
+class CheckedRecording:
+    """Another recording without the frames that cannot be used; these are skipped and counted."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self._log = SkipLog()
+
+    @property
+    def info(self) -> RecordingInfo:
+        """Information about the recording."""
+        return self._recording.info
+
+    @property
+    def skipped(self) -> list[SkippedFrame]:
+        """Frames skipped by the reader, then those that it returned and that cannot be used."""
+        return [*self._recording.skipped, *self._log.skipped]
+
+    @property
+    def remarks(self) -> list[str]:
+        """Remarks of the reader."""
+        return self._recording.remarks
+
+    def frames(self) -> Iterator[Frame]:
+        """The frames of which no stamp, pose, image or other number is impossible."""
+        self._log = log = SkipLog()
+        for number, frame in enumerate(self._recording.frames()):
+            try:
+                log.check_stamp(frame.stamp_s)
+                fault = fault_of(frame)
+                if fault is not None:
+                    raise FrameError(fault)
+            except FrameError as error:
+                log.skip(f"frame {number}", str(error))
+                continue
+            log.note(frame.stamp_s)
+            yield frame

@@ -1,0 +1,61 @@
+"""A reader of the user's own: its frames are checked at the door, and those that cannot be used are counted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from perception.primitives.camera import Camera
+from perception.primitives.frame import DepthView, Frame
+from perception.primitives.pose import Pose3
+from surefoot.recordings.open import open_recording
+from surefoot.recordings.recording import RecordingInfo, SkippedFrame
+
+CAMERA = Camera(8, 6, 10.0, 10.0, 3.5, 2.5)
+DEPTH = np.ones((6, 8), np.float32)
+
+READER = """
+class Reader:
+    info, remarks = "info", ["a remark"]
+
+    def __init__(self, path):
+        self.skipped = []
+
+    def frames(self):
+        return iter(FRAMES)
+"""
+
+
+def frame(stamp_s, depth=DEPTH, x=0.0, quaternion=(0.0, 0.0, 0.0, 1.0)):
+    return Frame(
+        stamp_s, depth=DepthView(depth, CAMERA), T_world_camera=Pose3((x, 0.0, 0.0), quaternion)
+    )
+
+
+def test_frames_that_cannot_be_used_are_skipped_and_counted(tmp_path, monkeypatch):
+    (tmp_path / "own_reader.py").write_text(READER)
+    monkeypatch.syspath_prepend(tmp_path)
+    import own_reader
+
+    own_reader.FRAMES = [
+        frame(0.0),
+        frame(0.1, x=np.nan),
+        frame(0.0),
+        frame(0.2, depth=DEPTH[:3]),
+        frame(np.inf),
+        frame(0.3, quaternion=(0.0, 0.0, 0.0, 2.0)),
+        frame(0.4),
+    ]
+    own_reader.Reader.info = RecordingInfo("own", kind="own")
+    recording = open_recording(tmp_path, reader="own_reader:Reader")
+    for _ in range(2):  # played back twice, counted once
+        assert [one.stamp_s for one in recording.frames()] == [0.0, 0.4]
+        reasons = {one.name: one.reason for one in recording.skipped}
+        assert list(reasons) == [f"frame {k}" for k in (1, 2, 3, 4, 5)]
+        assert "T_world_camera" in reasons["frame 1"]
+        assert "earlier" in reasons["frame 2"] or "equals" in reasons["frame 2"]
+        assert "8x3 px" in reasons["frame 3"]
+        assert "not a number" in reasons["frame 4"]
+        assert "length 1" in reasons["frame 5"]
+    assert all(isinstance(one, SkippedFrame) for one in recording.skipped)
+    assert recording.info.name == "own"
+    assert recording.remarks == ["a remark"]
