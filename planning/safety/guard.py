@@ -6,7 +6,7 @@ back, wait, then go on) for 7.8 s against the predicted obstacles, with a distan
 and against the occupied cells.
 
 The probability of contact with what may move, in the next seconds, is bounded (`risk`): of the plans that keep the
-bound the cheapest is walked, and if none does, the least dangerous.
+bound the cheapest is walked, and if none does, the least dangerous. No plan keeps it by walking into something static.
 
 A moving obstacle follows the motion pattern learnt for it. Without a pattern it goes straight on or reverses at any
 time, and a plan is charged for every position from which the robot could not leave its path in time. The end of a
@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
@@ -35,8 +35,8 @@ from ..commands import WalkCommand
 from ..footsteps import footstep, half_a_step_on, limited_step
 from . import _guard_arguments as arguments
 from . import _guard_kernels as kernels
+from . import _risk_kernels
 from . import guard_settings as constants
-from ._risk_kernels import walked
 from .guard_settings import GuardConfig as GuardConfig
 from .hypotheses import Hypotheses
 from .prediction import MotionPatterns
@@ -130,12 +130,16 @@ class Guard:
         return cost
 
     def _within_the_bound(self, plans: np.ndarray, scene: _Scene) -> int:
-        """The cheapest plan that keeps the bound; without one the cheapest of those as good as the least dangerous."""
+        """The cheapest plan that keeps the bound; without one the cheapest of those as good as the least dangerous.
+
+        A plan that touches something static in the same time is as dangerous as a contact that is sure.
+        """
         risks = scene.risks(plans)
-        least, bound = float(risks.min()), self.config.risk
+        danger = np.where(scene.touch_cells(plans), 1.0, risks)
+        least, bound = float(danger.min()), self.config.risk
         if least > bound:
             self.word, bound = "least risk", least + max(SAME_SHARE * least, SAME_RISK)
-        allowed = np.flatnonzero(risks <= bound)
+        allowed = np.flatnonzero(danger <= bound)
         best = int(allowed[np.argmin(self._cost(plans, scene, allowed))])
         self.risk = float(risks[best])
         return best
@@ -234,6 +238,13 @@ class _Scene:
         """Probability of contact on every plan."""
         return self._risk.of(plans, self._robot, self._target, self._gait)
 
+    def touch_cells(self, plans: np.ndarray) -> Bool[np.ndarray, "c"]:
+        """Which plans touch an occupied cell in the time for which the risk is bounded."""
+        found: np.ndarray = _risk_kernels.touch_cells(
+            self._robot, plans, self._target, self._gait, self._risk.steps, self._cells
+        )
+        return found
+
     def step(self, plan: np.ndarray) -> WalkCommand:
         """The first step of a plan, as the kernel makes it; a plan whose first part is over may pursue the target."""
         gait = self._limits
@@ -249,7 +260,7 @@ class _Scene:
 
     def poses(self, plan: np.ndarray) -> Float[np.ndarray, "n 3"]:
         """The body after each of the first steps of a plan, for viewers."""
-        found: np.ndarray = walked(self._robot, plan, self._target, self._gait, SHOWN)
+        found: np.ndarray = _risk_kernels.walked(self._robot, plan, self._target, self._gait, SHOWN)
         return found[1::2]
 
 

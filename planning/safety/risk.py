@@ -49,7 +49,9 @@ class Risk:
             patterns: Motion patterns learnt from the tracks.
         """
         half = model.gait.step_s / 2.0
-        times = half * np.arange(1, 2 * max(round(RISK_S / half / 2.0), 1) + 1)
+        self.steps = max(round(RISK_S / model.gait.step_s), 1)
+        """Footsteps in that time."""
+        times = half * np.arange(1, 2 * self.steps + 1)
         movers = [one for one in obstacles if may_move(one)]
         doubt = robot.covariance[:2, :2] + np.eye(2) * SIZE_SIGMA_M**2
         modes = max((5 if one.motion is not None else 2 for one in movers), default=1)

@@ -21,7 +21,7 @@ from planning.commands import WalkCommand
 from planning.safety._guard_arguments import Gait
 from planning.safety._risk_kernels import disc_mass, walked
 from planning.safety.guard import Guard, _desired_plans
-from planning.safety.guard_settings import RISK_S, SIZE_SIGMA_M, GuardConfig
+from planning.safety.guard_settings import CELL_CONTACT_M, RISK_S, SIZE_SIGMA_M, GuardConfig
 from planning.safety.prediction import MotionPatterns
 from planning.safety.risk import Risk
 
@@ -171,3 +171,18 @@ def test_the_walked_places_of_a_straight_plan_lie_on_a_line():
     plan = _desired_plans(WalkCommand(forward_m=0.04), DARWIN_OP.gait)[1]
     poses = walked(Pose2(1.0, 2.0, math.pi / 2).vector, plan, np.zeros(2), GAIT, 3)
     np.testing.assert_allclose(poses[:, 1], [2.02, 2.04, 2.04, 2.04, 2.04, 2.04], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_plan_keeps_the_bound_by_walking_into_something_static(seed):
+    rng = np.random.default_rng(seed)
+    behind = -0.33 * np.array([1.0, rng.uniform(-0.4, 0.4)])
+    lost = tracked(behind, np.array([0.06, 0.0]), seed)
+    along = np.arange(-0.6, 0.6, 0.04)
+    wall = np.column_stack([np.full(len(along), 0.24), along])
+    guard = Guard(GuardConfig(risk=0.01))
+    guard.choose(WalkCommand(forward_m=0.0), SURE, [lost], wall, np.array([0.1, 0.0]), 9.0)
+    assert guard.risk > 0.01  # to keep the bound it would have to walk into the wall
+    steps = guard.ahead[: round(RISK_S / STEP_S), :2]
+    away = np.hypot(*(steps[:, None] - wall[None]).transpose(2, 0, 1)).min()
+    assert away >= CELL_CONTACT_M - 1e-6
