@@ -22,7 +22,6 @@ class NumpyFolder:
             Path(path).name, kind="numpy", poses_given=True, frames=len(self.files),
             gravity_up_world=(0.0, 0.0, 1.0),
         )  # fmt: skip
-        self.skipped, self.remarks = [], []
 
     def frames(self):
         """One frame after the other, in the order of time."""

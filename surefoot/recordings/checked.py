@@ -11,7 +11,10 @@ from .recording import FrameError, Recording, RecordingInfo, SkipLog, SkippedFra
 
 
 class CheckedRecording:
-    """Another recording without the frames that cannot be used; these are skipped and counted."""
+    """Another recording without the frames that cannot be used; these are skipped and counted.
+
+    The other one needs `info` and `frames()`; `skipped` and `remarks` may be missing.
+    """
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
@@ -25,12 +28,12 @@ class CheckedRecording:
     @property
     def skipped(self) -> list[SkippedFrame]:
         """Frames skipped by the reader, then those that it returned and that cannot be used."""
-        return [*self._recording.skipped, *self._log.skipped]
+        return [*getattr(self._recording, "skipped", []), *self._log.skipped]
 
     @property
     def remarks(self) -> list[str]:
-        """Remarks of the reader."""
-        return self._recording.remarks
+        """Remarks of the reader, if it has any."""
+        return list(getattr(self._recording, "remarks", []))
 
     def frames(self) -> Iterator[Frame]:
         """The frames of which no stamp, pose, image or other number is impossible."""

@@ -15,10 +15,8 @@ DEPTH = np.ones((6, 8), np.float32)
 
 READER = """
 class Reader:
-    info, remarks = "info", ["a remark"]
-
     def __init__(self, path):
-        self.skipped = []
+        pass
 
     def frames(self):
         return iter(FRAMES)
@@ -58,4 +56,9 @@ def test_frames_that_cannot_be_used_are_skipped_and_counted(tmp_path, monkeypatc
         assert "length 1" in reasons["frame 5"]
     assert all(isinstance(one, SkippedFrame) for one in recording.skipped)
     assert recording.info.name == "own"
-    assert recording.remarks == ["a remark"]
+    assert recording.remarks == []
+    own_reader.Reader.remarks, own_reader.Reader.skipped = ["dim"], [SkippedFrame("a", "damaged")]
+    again = open_recording(tmp_path, reader="own_reader:Reader")
+    assert len(list(again.frames())) == 2
+    assert again.remarks == ["dim"]
+    assert [one.name for one in again.skipped][:2] == ["a", "frame 1"]
