@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Protocol, runtime_checkable
 
 from perception.primitives.frame import Frame
 
 from .codec import fault_of
-from .recording import FrameError, Recording, RecordingInfo, SkipLog, SkippedFrame
+from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame
+
+
+@runtime_checkable
+class OwnRecording(Protocol):
+    """What a reader of the user's own needs; it may have `skipped` and `remarks` of a `Recording` too."""
+
+    info: RecordingInfo
+
+    def frames(self) -> Iterator[Frame]:
+        """The frames in order of time."""
+        ...
 
 
 class CheckedRecording:
-    """Another recording without the frames that cannot be used; these are skipped and counted.
+    """A recording without the frames that cannot be used; these are skipped and counted."""
 
-    The other one needs `info` and `frames()`; `skipped` and `remarks` may be missing.
-    """
-
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: OwnRecording) -> None:
         self._recording = recording
         self._log = SkipLog()
 

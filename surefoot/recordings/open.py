@@ -8,7 +8,7 @@ from pathlib import Path
 from perception.primitives import plugins
 from perception.primitives.errors import InputError, RecordingError
 
-from .checked import CheckedRecording
+from .checked import CheckedRecording, OwnRecording
 from .description import Description, read_description
 from .euroc import is_euroc, open_euroc
 from .folder import pictures
@@ -64,9 +64,9 @@ def open_recording(path: Path, description: Path | None = None, reader: str = ""
 
 def _open_with(reader: str, path: Path) -> Recording:
     """By a reader of the user's own."""
-    recording: Recording = plugins.load(reader, {}, "recording reader", ("frames",))(path)
+    recording: OwnRecording = plugins.load(reader, {}, "recording reader", ("frames",))(path)
     if not hasattr(recording, "info"):
-        raise InputError(f"recording reader {reader!r} lacks info; see the protocol Recording")
+        raise InputError(f"recording reader {reader!r} lacks info; see the protocol OwnRecording")
     return CheckedRecording(recording)
 
 
