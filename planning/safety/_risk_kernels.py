@@ -1,4 +1,4 @@
-"""Compiled probability of contact along plans: the walked places, and a disc's mass under a Gaussian."""
+"""Compiled contacts along plans: the walked places, cells touched there, and a disc's mass under a Gaussian."""
 
 from __future__ import annotations
 

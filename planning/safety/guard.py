@@ -6,7 +6,8 @@ back, wait, then go on) for 7.8 s against the predicted obstacles, with a distan
 and against the occupied cells.
 
 The probability of contact with what may move, in the next seconds, is bounded (`risk`): of the plans that keep the
-bound the cheapest is walked, and if none does, the least dangerous. No plan keeps it by walking into something static.
+bound the cheapest is walked, and if none does, the least dangerous. Where the bound rules out the cheapest plan, those that
+soon touch something static are ruled out too.
 
 A moving obstacle follows the motion pattern learnt for it. Without a pattern it goes straight on or reverses at any
 time, and a plan is charged for every position from which the robot could not leave its path in time. The end of a

@@ -114,10 +114,8 @@ def test_with_a_start_an_image_needs_its_mount():
         pipeline.add(0.0, depth_m=floor_depth(), camera=CAMERA)
 
 
-@pytest.mark.parametrize(
-    ("place", "message"), [(np.nan, "not a number|finite"), (1e300, "finite numbers below")]
-)
-def test_a_frame_with_an_impossible_pose_is_refused_and_the_next_one_taken(place, message):
+@pytest.mark.parametrize("place", [np.nan, 1e300])
+def test_a_frame_with_an_impossible_pose_is_refused_and_the_next_one_taken(place):
     pipeline = surefoot.Pipeline(up_world=(0.0, 0.0, 1.0))
 
     def add(k: int, x: float) -> surefoot.WorldModel:
@@ -125,7 +123,7 @@ def test_a_frame_with_an_impossible_pose_is_refused_and_the_next_one_taken(place
         return pipeline.add(0.1 * k, depth_m=floor_depth(), camera=CAMERA, T_world_camera=pose)
 
     add(0, 0.0)
-    with pytest.raises(surefoot.InputError, match=message):
+    with pytest.raises(surefoot.InputError, match="finite numbers below"):
         add(1, place)
     world = add(2, 0.2)
     assert world.pose is not None
