@@ -349,6 +349,7 @@ class GroundMap:
                 patch.cells.unite(other.cells)
                 for old in other.sides:
                     side_fusion.fuse(patch.sides, old)
+                patch.sides = believed(patch.cells, patch.sides)
                 patch.views = max(patch.views, other.views)
                 del self._patches[two]
 
@@ -356,16 +357,17 @@ class GroundMap:
         return next(k for k, one in enumerate(self._patches) if one is patch)
 
     def _forget(self) -> None:
-        """Drop what is far away or behind."""
+        """Drop what is empty, and what is far away or behind."""
         heights = self._heights()
         ahead = self._body.rotation[:, 0]
         for index in reversed(range(len(self._patches))):
             patch = self._patches[index]
-            away = patch.cells.places() - self._at
-            near = np.linalg.norm(away, axis=1) < self.config.reach_m
-            near &= away @ ahead > -self.config.behind_m
-            if not near.all() or not len(near):
-                patch.cells.keep(near)
+            if self.config.forgets:
+                away = patch.cells.places() - self._at
+                near = np.linalg.norm(away, axis=1) < self.config.reach_m
+                near &= away @ ahead > -self.config.behind_m
+                if not near.all() or not len(near):
+                    patch.cells.keep(near)
             if patch.cells.is_empty:
                 heights.remove(index)
                 del self._patches[index]

@@ -8,10 +8,12 @@ Source: contours after Suzuki and Abe 1985, corners after Douglas and Peucker 19
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.ndimage import binary_opening
 
 from .measured import Side
 from .seen_cells import CELL_M, SeenCells
@@ -20,6 +22,10 @@ MARGIN = 8  # ours: cells round the raster that sides may fill
 FILLED_M = 0.05  # ours: a side fills gaps of the cells inwards so far
 CLEARED_M = 0.06  # ours: and clears stray ones outwards
 CLAIMED = 0.5  # ours: share of the cells beyond a side that belie it
+OPEN_M, OPEN = (
+    0.3,
+    0.9,
+)  # ours: a foot's length; share of the cells seen so far and wide that is an opening
 ROUND_CELLS = 1.0  # ours: by how much corners may be simplified
 NEAR_M = 0.035  # ours: a stretch of the contour, in the mean within this of a side, is part of it
 SLANT = 0.5  # ours: sine of the angle of a stretch that is not
@@ -46,10 +52,9 @@ def outlines(
         body: (x, y) of the robot, m.
     """
     mask, first = cells.mask(MARGIN)
-    kept = [k for k, one in enumerate(sides) if not _belied(mask, first, one)]
     for low, high, value in ((-FILLED_M, 0.0, 1), (0.0, CLEARED_M, 0)):
-        for k in kept:
-            _paint(mask, first, sides[k], low, high, value)
+        for one in sides:
+            _paint(mask, first, one, low, high, value)
     contours, parents = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     found = []
     for number, contour in enumerate(contours):
@@ -58,37 +63,49 @@ def outlines(
         corners = _corners(contour, first)
         if len(corners) < 3:
             continue
-        outline = _straightened(corners, [(k, sides[k]) for k in kept])
+        outline = _straightened(corners, list(enumerate(sides)))
         for hole, inner in enumerate(contours):
             if parents[0][hole][3] == number and cv2.contourArea(inner) * CELL_M**2 > SMALL_M2:
                 cut = _corners(inner, first)
                 if len(cut) >= 3:
-                    outline = _cut(
-                        outline, _straightened(cut[::-1], [(k, sides[k]) for k in kept]), body
-                    )
+                    inside = _straightened(cut[::-1], list(enumerate(sides)))
+                    outline = _cut(outline, inside, body)
         if len(outline.corners) >= 3:
             found.append(outline)
     return sorted(found, key=lambda one: -_area(one.corners))
 
 
 def believed(cells: SeenCells, sides: Sequence[Side]) -> list[Side]:
-    """The sides beyond which the surface was not seen to go on."""
+    """The sides, as far as the surface was not seen to go on beyond them.
+
+    A line through an edge may be prolonged past its end, over an opening: there the cells beyond belie it, and there alone.
+    """
     if not sides:
         return []
     mask, first = cells.mask(MARGIN)
-    return [one for one in sides if not _belied(mask, first, one)]
+    return [part for one in sides for part in _stretches(mask, first, one)]
 
 
-def _belied(mask: np.ndarray, first: Float[np.ndarray, "2"], side: Side) -> bool:
+def _stretches(mask: np.ndarray, first: Float[np.ndarray, "2"], side: Side) -> list[Side]:
+    """What is left of a side: nothing if most of it is belied just beyond, else all of it but wide openings."""
     low, high = side.reach
-    runs = np.arange(low + CELL_M, high, CELL_M)
-    outs = np.arange(CLEARED_M, 2.0 * CLEARED_M, CELL_M)
-    if not len(runs):
-        return True
+    runs = np.arange(low + CELL_M / 2, high, CELL_M)
+    outs = np.arange(CELL_M, OPEN_M, CELL_M)
     grid = side.place + runs[:, None, None] * side.along + outs[:, None] * side.outward
-    column, row = np.round((grid - first) / CELL_M).astype(int).reshape(-1, 2).T
+    column, row = np.round((grid - first) / CELL_M).astype(int).transpose(2, 0, 1)
     inside = (row >= 0) & (row < mask.shape[0]) & (column >= 0) & (column < mask.shape[1])
-    return float(mask[row[inside], column[inside]].sum()) > CLAIMED * len(row)
+    seen = np.zeros(row.shape)
+    seen[inside] = mask[row[inside], column[inside]]
+    beyond = (outs > CLEARED_M - CELL_M / 2) & (outs < 2.0 * CLEARED_M - CELL_M / 2)
+    if not len(runs) or seen[:, beyond].mean() > CLAIMED:
+        return []
+    kept = ~binary_opening(seen.mean(axis=1) >= OPEN, np.ones(round(OPEN_M / CELL_M), np.bool_))
+    turns = np.flatnonzero(np.diff(kept.astype(np.int8), prepend=0, append=0))
+    found = []
+    for begin, end in turns.reshape(-1, 2):
+        reach = (low + begin * CELL_M, high if end == len(runs) else low + end * CELL_M)
+        found.append(replace(side, reach=reach))
+    return found
 
 
 def _paint(
