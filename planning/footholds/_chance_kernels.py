@@ -15,6 +15,7 @@ SIDE = 6  # of a side: start x, y, end x, y, standard deviation, border
 UNSEEN = 0  # `Border.UNSEEN`
 SQRT2 = math.sqrt(2.0)
 CARRIED = 0.8  # ours: part of a sole, about its middle, below which ground must have been seen
+FARTHEST = 6.0  # deviations beyond which a chance counts as none
 SAFE = 2.6  # deviations: a chance of 0.005
 
 
@@ -82,6 +83,7 @@ def chances(
     if not inside(sides, first, last, x, y):
         return 1.0, 1.0
     reach = math.sqrt(half[0] * half[0] + half[1] * half[1])
+    astray = FARTHEST * math.sqrt(noise[0])
     missed, unseen = 0.0, 0.0
     inner = CARRIED * half
     for k in (1, 0, 2):
@@ -92,19 +94,28 @@ def chances(
             side = sides[i]
             dx, dy = side[2] - side[0], side[3] - side[1]
             away = dy * (x - side[0]) - dx * (y - side[1])
-            length = math.sqrt(dx * dx + dy * dy)
-            if abs(away) > (reach + 6.0 * side[4] + 6.0 * math.sqrt(noise[0])) * length:
+            square, bound = dx * dx + dy * dy, reach + FARTHEST * side[4] + astray
+            if away * away > bound * bound * square or square == 0.0:
                 continue  # far before it, or behind a side of another part
-            over = beyond(side, x, y, c, s, inner if side[5] == UNSEEN else half)
-            if over == -np.inf:
-                continue
+            along, length = dx * (x - side[0]) + dy * (y - side[1]), math.sqrt(square)
+            if along < -reach * length or along > square + reach * length:
+                continue  # beside it
+            sole = inner if side[5] == UNSEEN else half
             ahead, across = (dy * c - dx * s) / length, (-dy * s - dx * c) / length
             variance = side[4] * side[4] + ahead * ahead * noise[0] + across * across * noise[1]
-            chance = 0.5 * math.erfc(-over / (SQRT2 * math.sqrt(max(variance, 1e-18))))
+            sigma = math.sqrt(max(variance, 1e-18))
+            if away / length + abs(ahead) * sole[0] + abs(across) * sole[1] < -FARTHEST * sigma:
+                continue  # before it, all of the sole
+            over = beyond(side, x, y, c, s, sole)
+            if over == -np.inf:
+                continue
+            chance = 0.5 * math.erfc(-over / (SQRT2 * sigma))
             if side[5] == UNSEEN:
                 known *= 1.0 - chance
             else:
                 held *= 1.0 - chance
+            if 2.0 * (1.0 - min(held, known)) > 3.0 * enough and k == 1:
+                break
         weight = 2.0 / 3.0 if k == 1 else 1.0 / 6.0
         missed += weight * (1.0 - held)
         unseen += weight * (1.0 - known)
@@ -117,7 +128,7 @@ def chances(
 def spans(
     sides: np.ndarray, first: int, last: int, x: float, y: float, c: float, s: float
 ) -> tuple[float, float, int, int]:
-    """The part of a line through a point that is on a surface: its start and end, and the sides there.
+    """The part of a line through a point that is on a surface: its start and end, and the sides there; infinite and -1 without one.
 
     Of several parts the one about the point, else the next one ahead; start > end where there is none.
     """
@@ -137,8 +148,6 @@ def spans(
             start, near = at, i
         if at > max(0.0, start) and at < end:
             end, far = at, i
-    if near < 0 or far < 0:
-        return 1.0, 0.0, -1, -1
     return start, end, near, far
 
 

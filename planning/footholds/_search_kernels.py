@@ -1,4 +1,4 @@
-"""Compiled loops of the footsteps: the way left on a coarse map of the surfaces, and A* over footsteps.
+"""Compiled loops of the footsteps: A* over them, by the way left on a coarse map.
 
 Surfaces are packed: their sides in one table, see `_chance_kernels`, and one row of `PLANE` columns a surface.
 """
@@ -13,123 +13,16 @@ import numpy as np
 from perception.primitives.compiled import njit
 
 from ._chance_kernels import chances, inside, margin, spans
+from ._way_kernels import COARSE, ROUND_M, estimate, off_way, toll, way_left
 
-PLANE = 7  # of a surface: first and last side, origin x, y, height there, slopes
 NODE = 10  # of a node: x, y, yaw and height of its foot, surface, foot (+1 left), cost, chances missed and unseen, parent
 MOVE = 3  # of a node: the footstep that leads to it
 YAWS, CELLS = 32, 1 << 14  # headings told apart; most places told apart
 SLOTS = 1 << 16
 GOAL, HORIZON, BORDER = 0, 1, 2  # where a plan ends
-COARSE = 64  # ours: cells of the coarse map to each side
-VOID, TIGHT = 4.0, 2.0  # ours: cost of a metre of unknown ground, and beside it
 GREED = 1.7  # ours: weight of the estimate, by which a plan may cost more than the best
-FACING = 5.0  # ours: weight of a turn away from the goal where a plan ends at a border: the robot is to look there
-
-
-@njit(cache=True)
-def toll(prices: np.ndarray, blocked: np.ndarray, grid: np.ndarray, x: float, y: float) -> float:
-    """Cost of a metre at a place, 1 outside the map; infinite in a blocked cell.
-
-    Args:
-        grid: x and y of the corner of the map, and the side of a cell, m.
-    """
-    column = math.floor((x - grid[0]) / grid[2])
-    row = math.floor((y - grid[1]) / grid[2])
-    if row < 0 or column < 0 or row >= prices.shape[0] or column >= prices.shape[1]:
-        return 1.0
-    return np.inf if blocked[row, column] else prices[row, column]
-
-
-@njit(cache=True)
-def way_left(
-    sides: np.ndarray,
-    planes: np.ndarray,
-    goal: np.ndarray,
-    corner: np.ndarray,
-    cell: float,
-    limits: np.ndarray,
-    costs: np.ndarray,
-    beside: float,
-) -> np.ndarray:
-    """Cost of the way to the goal from every cell, by Dijkstra, m; ground that is not known counts `VOID` times.
-
-    Ground that ends within the distance of the outer side of a foot counts `TIGHT` times. Between neighbours the ground may rise and fall by no more than one footstep does.
-    """
-    height = np.full((COARSE, COARSE), np.nan)
-    for j in range(len(planes)):
-        if math.hypot(planes[j, 5], planes[j, 6]) > limits[8]:
-            continue
-        first, last = int(planes[j, 0]), int(planes[j, 1])
-        for row in range(COARSE):
-            y = corner[1] + (row + 0.5) * cell
-            if not sides[first:last, 1].min() <= y <= sides[first:last, 1].max():
-                continue
-            for column in range(COARSE):
-                x = corner[0] + (column + 0.5) * cell
-                if inside(sides, first, last, x, y):
-                    z = planes[j, 4] + planes[j, 5] * (x - planes[j, 2])
-                    z += planes[j, 6] * (y - planes[j, 3])
-                    if not z <= height[row, column]:
-                        height[row, column] = z
-    price = np.ones((COARSE, COARSE))
-    apart = math.ceil(beside / cell)
-    for row in range(COARSE):
-        for column in range(COARSE):
-            if np.isnan(height[row, column]):
-                price[row, column] = VOID
-                continue
-            for down, right in ((apart, 0), (-apart, 0), (0, apart), (0, -apart)):
-                r, c = row + down, column + right
-                if r < 0 or c < 0 or r >= COARSE or c >= COARSE or np.isnan(height[r, c]):
-                    price[row, column] = TIGHT
-    left = np.full((COARSE, COARSE), np.inf)
-    column = min(max(int((goal[0] - corner[0]) / cell), 0), COARSE - 1)
-    row = min(max(int((goal[1] - corner[1]) / cell), 0), COARSE - 1)
-    left[row, column] = 0.0
-    heap = [(0.0, row, column)]
-    while len(heap) > 0:
-        length, row, column = heapq.heappop(heap)
-        if length > left[row, column]:
-            continue
-        there = height[row, column]
-        for down in range(-1, 2):
-            for right in range(-1, 2):
-                r, c = row + down, column + right
-                if r < 0 or c < 0 or r >= COARSE or c >= COARSE:
-                    continue
-                here = height[r, c]
-                if there - here > limits[4] or here - there > limits[5]:
-                    continue
-                step = cell * math.sqrt(down * down + right * right)
-                step *= max(price[r, c], price[row, column])
-                if there > here:
-                    step += costs[2] * (there - here)
-                elif there < here:
-                    step += costs[3] * (here - there)
-                if length + step < left[r, c]:
-                    left[r, c] = length + step
-                    heapq.heappush(heap, (length + step, r, c))
-    return left
-
-
-@njit(cache=True)
-def estimate(
-    left: np.ndarray, corner: np.ndarray, cell: float, goal: np.ndarray, x: float, y: float
-) -> float:
-    """Length of the way left from a place: at least the straight distance."""
-    straight = math.hypot(goal[0] - x, goal[1] - y)
-    column, row = int((x - corner[0]) / cell), int((y - corner[1]) / cell)
-    if row < 0 or column < 0 or row >= COARSE or column >= COARSE:
-        return VOID * straight
-    dx = corner[0] + (column + 0.5) * cell - x
-    dy = corner[1] + (row + 0.5) * cell - y
-    best = left[row, column] + math.hypot(dx, dy)
-    for down in range(-1, 2):
-        for right in range(-1, 2):
-            r, c = row + down, column + right
-            if 0 <= r < COARSE and 0 <= c < COARSE:
-                best = min(best, left[r, c] + math.hypot(dx + right * cell, dy + down * cell))
-    return max(straight, best)
+FACING = 5.0  # ours: weight of a turn away from the way to the goal where a plan ends at a border: the robot is to look there
+FAR = 1e3  # farther ahead than any side
 
 
 @njit(cache=True)
@@ -173,10 +66,56 @@ def within_reach(
 
 
 @njit(cache=True)
-def off_goal(goal: np.ndarray, x: float, y: float, yaw: float) -> float:
-    """Angle between a heading and the direction to the goal, rad."""
-    off = abs(math.atan2(goal[1] - y, goal[0] - x) - yaw) % (2.0 * math.pi)
-    return min(off, 2.0 * math.pi - off)
+def sides_near(
+    sides: np.ndarray,
+    planes: np.ndarray,
+    near_by: list[int],
+    x: float,
+    y: float,
+    reach: float,
+    found: np.ndarray,
+    firsts: np.ndarray,
+) -> None:
+    """The sides that matter within a reach of a place, of some surfaces: those there, and those that tell which side is inside.
+
+    Args:
+        found: As long as `sides`, written: the sides, surface after surface.
+        firsts: One longer than `near_by`, written: where those of each begin.
+    """
+    count = 0
+    for k in range(len(near_by)):
+        firsts[k] = count
+        for i in range(int(planes[near_by[k], 0]), int(planes[near_by[k], 1])):
+            ax, ay, bx, by = sides[i, 0], sides[i, 1], sides[i, 2], sides[i, 3]
+            if max(ax, bx) >= x - reach and min(ay, by) <= y + reach and max(ay, by) >= y - reach:
+                found[count] = sides[i]
+                count += 1
+    firsts[len(near_by)] = count
+
+
+@njit(cache=True)
+def room_beside(
+    sides: np.ndarray,
+    firsts: np.ndarray,
+    planes: np.ndarray,
+    near_by: list[int],
+    x: float,
+    y: float,
+    yaw: float,
+    z: float,
+    side: float,
+    h: float,
+    apart: float,
+) -> bool:
+    """Whether there is ground of the same level where the other foot stands beside: no foot stands beside a flight."""
+    ox, oy = x + side * 2.0 * h * math.sin(yaw), y - side * 2.0 * h * math.cos(yaw)
+    for k in range(len(near_by)):
+        j = near_by[k]
+        here = planes[j, 4] + planes[j, 5] * (ox - planes[j, 2])
+        here += planes[j, 6] * (oy - planes[j, 3])
+        if abs(here - z) <= apart and inside(sides, firsts[k], firsts[k + 1], ox, oy):
+            return True
+    return False
 
 
 @njit(cache=True)
@@ -211,7 +150,7 @@ def search(
         sides, planes: The packed surfaces.
         start: x, y, yaw, height of the standing foot, surface (-1 unknown), foot (+1 left).
         goal: x, y, and the distance at which it is reached.
-        body: Half of length and width of a sole, half of the stance.
+        body: Half of length and width of a sole, half of the stance, radius of the body.
         limits: Of a footstep ahead, back, to the side, turn; up, down, ahead to a higher level and to a lower one; slope.
         costs: Of a footstep, of a turn by 1 rad, of a rise and of a descent by 1 m, of a chance as large as the risk, m.
         noise: Variances of a foot's place.
@@ -241,11 +180,19 @@ def search(
     )
     low = np.array([min(sides[:, 0].min(), fx, goal[0]), min(sides[:, 1].min(), fy, goal[1])])
     high = np.array([max(sides[:, 0].max(), fx, goal[0]), max(sides[:, 1].max(), fy, goal[1])])
+    low, high = low - ROUND_M, high + ROUND_M
     fine = 1.001 * max(high[0] - low[0], high[1] - low[1]) / COARSE
     boxes = boxes_of(sides, planes)
-    left = way_left(sides, planes, goal, low, fine, limits, costs, h + half[1])
+    level_m = 0.1 * max(limits[4], limits[5])
+    # that the feet of two steps may touch, and how far an error may shift a side or a foot
+    wide = pace + 4.0 * h + math.hypot(half[0], half[1]) + 6.0 * math.sqrt(noise[0])
+    wide += 6.0 * sides[:, 4].max()
+    local, firsts = np.empty_like(sides), np.zeros(len(planes) + 1, np.int64)
+    left = way_left(
+        sides, planes, goal, low, fine, limits, costs, h + half[1], body[3], level_m, prices, blocked, grid,
+    )  # fmt: skip
     left_m = estimate(left, low, fine, goal, fx, fy)
-    per_m = GREED * (1.0 + costs[0] / limits[0])
+    per_m, per_turn = GREED * (1.0 + costs[0] / limits[0]), costs[1] + costs[0] / limits[3]
     heap = [(per_m * left_m, 0)]
     count, expanded, best, nearest = 1, 0, 0, left_m
     enough, whole = left_m - horizon_m, left_m
@@ -259,16 +206,21 @@ def search(
         on, side = int(nodes[this, 4]), -nodes[this, 5]  # side of the foot that swings
         c, s = math.cos(yaw), math.sin(yaw)
         fx, fy = x - side * h * s, y + side * h * c  # frame between the feet
+        near_by = within_reach(boxes, planes, fx, fy, z, pace + 2.0 * h, limits)
+        sides_near(sides, planes, near_by, fx, fy, wide, local, firsts)
+        if this > 0 and not room_beside(
+            local, firsts, planes, near_by, x, y, yaw, z, -side, h, level_m
+        ):
+            continue
         left_m = estimate(left, low, fine, goal, fx, fy)
-        from_here = left_m + FACING * costs[1] * off_goal(goal, fx, fy, yaw)
-        if from_here < nearest - 1e-9:
-            best, nearest = this, from_here
+        from_here = left_m + FACING * costs[1] * off_way(left, low, fine, goal, fx, fy, yaw)
         if math.hypot(goal[0] - fx, goal[1] - fy) <= goal[2]:
             return nodes, moves, this, GOAL, whole - left_m
         if left_m <= enough:
             return nodes, moves, this, HORIZON, whole - left_m
+        if from_here < nearest - 1e-9:
+            best, nearest = this, from_here
         expanded += 1
-        near_by = within_reach(boxes, planes, fx, fy, z, pace + 2.0 * h, limits)
         for turning in range(5):
             turn = (turning - 2) / 2.0 * limits[3]
             tc, ts = math.cos(yaw + turn), math.sin(yaw + turn)
@@ -276,14 +228,17 @@ def search(
                 lateral = side * aside / 2.0 * limits[2]
                 # the swing foot at a step of no length, and the direction that steps ahead move it
                 bx, by = fx - lateral * s - side * h * ts, fy + lateral * c + side * h * tc
-                for j in near_by:
-                    first, last = int(planes[j, 0]), int(planes[j, 1])
-                    begin, end, near, far = spans(sides, first, last, bx, by, c, s)
+                for k in range(len(near_by)):
+                    j, first, last = near_by[k], firsts[k], firsts[k + 1]
+                    begin, end, near, far = spans(local, first, last, bx, by, c, s)
                     if begin > end or begin > pace:
                         continue
-                    centre = 0.5 * (begin + end)
-                    front = end - margin(sides[far], c, s, yaw + turn, half, noise)
-                    behind = begin + margin(sides[near], c, s, yaw + turn, half, noise)
+                    begin, end = max(begin, -FAR), min(end, FAR)
+                    centre, front, behind = 0.5 * (begin + end), end, begin
+                    if far >= 0:
+                        front -= margin(local[far], c, s, yaw + turn, half, noise)
+                    if near >= 0:
+                        behind += margin(local[near], c, s, yaw + turn, half, noise)
                     for choice in range(6):
                         if choice == 0:
                             ahead = 0.0
@@ -301,7 +256,7 @@ def search(
                         height = planes[j, 4] + planes[j, 5] * (tx - planes[j, 2])
                         height += planes[j, 6] * (ty - planes[j, 3])
                         rise = height - z
-                        level = j == on or abs(rise) < 0.1 * max(limits[4], limits[5])
+                        level = j == on or abs(rise) < level_m
                         if level:
                             longest = limits[0]
                         elif choice in (1, 2) or turning not in (1, 2, 3):
@@ -332,7 +287,7 @@ def search(
                         if table[slot] == key and nodes[owner[slot], 6] <= cost:
                             continue
                         missed, unseen = chances(
-                            sides, first, last, tx, ty, yaw + turn, half, noise, risk
+                            local, first, last, tx, ty, yaw + turn, half, noise, risk
                         )
                         if missed > risk or unseen > risk:
                             continue
@@ -349,7 +304,8 @@ def search(
                         nodes[count, 9] = this
                         moves[count, 0], moves[count, 1], moves[count, 2] = ahead, lateral, turn
                         ahead_m = estimate(left, low, fine, goal, gx, gy)
-                        ahead_m += costs[1] * off_goal(goal, gx, gy, yaw + turn)
-                        heapq.heappush(heap, (cost + per_m * ahead_m, count))
+                        turn_left = off_way(left, low, fine, goal, gx, gy, yaw + turn)
+                        rest = per_m * ahead_m + per_turn * turn_left
+                        heapq.heappush(heap, (cost + rest, count))
                         count += 1
     return nodes, moves, best, BORDER, whole - nearest

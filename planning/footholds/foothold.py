@@ -21,7 +21,7 @@ from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import RobotModel
 
 from . import _chance_kernels as kernels
-from ._search_kernels import PLANE
+from ._way_kernels import PLANE
 
 
 @dataclass(frozen=True)

@@ -38,13 +38,13 @@ from .foothold import Foothold, FootNoise, packed
 
 DESCENT = 0.9  # ours: length of a step down, relative to one up
 SLOPE = math.tan(math.radians(5.0))  # ours: of ground on which a level sole stands
-FARTHEST_M = 4.0  # ours: of a goal from the robot
+FARTHEST_M = 12.0  # ours: of a goal from the robot; the coarse map reaches there
 LEVEL_STEPS, RISES = (
     6,
     3,
 )  # ours: that a plan looks ahead, of the longest ones, on and between levels
 NODES = 140  # ours: that a search expands at most
-STEP, TURN, RISE, FALL, CHANCE = 0.5, 0.5, 1.0, 2.0, 4.0
+STEP, TURN, RISE, FALL, CHANCE = 0.5, 1.0, 1.0, 2.0, 4.0
 """Ours: costs of a footstep, of a turn by 1 rad and of a chance as large as the bound, in longest steps; of a rise and of a
 descent by 1 m, in m."""
 
@@ -136,7 +136,7 @@ def plan(
     start = np.array([*stance.pose.vector, stance.height_m, -1.0, stance.foot])
     nodes, moves, last, end, gain_m = kernels.search(
         sides, planes, start, np.array([*goal, near_m], np.float64),
-        np.array([robot.foot_m[0] / 2, robot.foot_m[1] / 2, robot.stance_m / 2]), limits, costs,
+        np.array([robot.foot_m[0] / 2, robot.foot_m[1] / 2, robot.stance_m / 2, robot.radius_m]), limits, costs,
         noise.variances, config.risk, max(LEVEL_STEPS * ahead, RISES * steps.reach_m), NODES, prices, blocked, grid,
     )  # fmt: skip
     found, commands = [], []

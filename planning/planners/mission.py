@@ -17,6 +17,9 @@ PLANNERS = {
 }
 """Our planners: name to class."""
 
+ON_LEVELS = "footholds"
+"""The walk over ground of several levels, by footsteps of their own place (`planning.footholds`); no class of `PLANNERS`."""
+
 ARRIVING = ("search", "field")
 """Those of them that can arrive with a given heading."""
 
@@ -29,7 +32,10 @@ class MissionConfig:
     """What a live run is to do."""
 
     planner: str = setting(
-        "search", "", "search, field, swarm, avoidance, or package.module:Class", "ours"
+        "search",
+        "",
+        "search, field, swarm, avoidance, footholds (scenes of several levels), or package.module:Class",
+        "ours",
     )
     goals: int = setting(1, "", "how many of the scene's goals, in order", "ours")
     look_about: bool = setting(
@@ -52,7 +58,7 @@ class MissionConfig:
     )
 
     def __post_init__(self) -> None:
-        problem = plugins.check(self.planner, PLANNERS, "planner")
+        problem = plugins.check(self.planner, {**PLANNERS, ON_LEVELS: ""}, "planner")
         if problem is not None:
             raise ConfigError(f"mission: {problem}")
         own = self.planner not in PLANNERS

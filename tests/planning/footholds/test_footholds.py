@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -15,6 +17,9 @@ from planning.footholds.search import FootholdConfig, PlanEnd, Stance, plan
 
 ROBOT = RobotModel(
     foot_m=(0.205, 0.066), hip_m=0.63, stance_m=0.20, steps=StepLimits(0.14, 0.10, 0.30)
+)
+ASKEW = RobotModel(
+    foot_m=(0.205, 0.066), hip_m=0.63, stance_m=0.20, steps=StepLimits(0.10, 0.10, 0.35)
 )
 STANCE = Stance(-1, Pose2(0.0, -0.1))
 FIRM = FootNoise(1e-6, 1e-6, 1e-6)
@@ -174,6 +179,42 @@ def test_a_hole_is_walked_round():
     assert end is PlanEnd.GOAL
     assert min(step.pose.y for step, _ in done) < -0.3
     assert all(step.missed <= 0.01 for step, _ in done)
+
+
+@pytest.mark.parametrize("foot", [1, -1])
+def test_a_robot_that_stands_askew_climbs_at_once_where_its_other_foot_would_have_to_shift(foot):
+    turn = foot * np.radians(10.0)  # beside the foot that has landed the edge is farther
+    treads = [replace(one, sigma_m=np.full(4, 0.016)) for one in flight(0.084, 0.338, 3, 0.205)]
+    goal = np.array([1.5, 0.0])
+    found = plan(treads, Stance(foot, Pose2(0.0, 0.0, turn)), goal, 0.1, ASKEW, SLIPPING)
+    assert found.footholds[0].height_m == pytest.approx(0.084)
+
+
+def test_a_foot_does_not_step_up_where_only_one_has_room():
+    ground = rectangle(-0.5, 2.0, half=1.0)
+    beam = rectangle(0.4, 2.0, 0.08, half=0.06)  # as wide as one foot
+    stance = Stance(-1, Pose2(0.0, -0.1))
+    done, _ = walked([ground, beam], (1.6, 0.0), stance)
+    assert max(step.height_m for step, _ in done) == 0.0
+
+
+def test_a_wall_that_only_the_surface_remembers_is_walked_round_and_a_step_up_is_not():
+    corners = np.array([(-0.5, -2.5), (2, -2.5), (2, 2.5), (-0.5, 2.5)], float)
+    corners[1, 0] = corners[2, 0] = 0.8
+    corners = np.insert(corners, 2, (0.8, 1.0), axis=0)  # a wall up to here, then what was not seen
+    ground = rectangle(0, 1, sigma_m=0.005)
+    ends = {}
+    for name, beyond, step in (("open", 0, []), ("wall", 2, []), ("step", 2, [rectangle(0.8, 2.5, 0.08, half=2.5)])):  # fmt: skip
+        floor = Surface(
+            ground.origin, ground.height, ground.covariance, corners,
+            np.array([0, beyond, 0, 0, 0]), np.full(5, 0.005),
+        )  # fmt: skip
+        done, _ = walked([floor, *step], (2.3, -0.3))
+        ends[name] = done[-1][0].pose
+    assert ends["open"].y < 0.4
+    assert ends["wall"].y > 0.9  # where the wall ends
+    assert ends["step"].x > 1.9
+    assert ends["step"].y < 0.4
 
 
 def test_more_risk_allows_narrower_treads():
