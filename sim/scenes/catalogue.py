@@ -22,6 +22,7 @@ from . import (
     public_places,
     rooms,
     seed_rooms,
+    storeys,
 )
 from . import difficulty as difficulties
 from .scene_file import read_scene
@@ -81,6 +82,7 @@ def _registry() -> dict[str, Callable[[int, float], Scene]]:
         "corridor": rooms.corridor,
         "office": public_places.office,
         "hall": public_places.hall,
+        "storeys": storeys.storeys,
         "empty_room": _always(rooms.empty_room),
         "boxes": _always(rooms.boxes),
         "plain_room": _always(plain_room.plain_room),
