@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 @click.option(
     "--planner",
     metavar="NAME",
-    help="Planner: search, field, swarm, avoidance, or your own package.module:Class.",
+    help="Planner: search, field, swarm, avoidance, footholds (on several levels), or your own package.module:Class.",
 )
 @click.option(
     "--gaze",
@@ -123,6 +123,7 @@ def simulate(
       surefoot simulate home --seed 7 --record --out runs/seven
       surefoot simulate home --wander 300    explore for five minutes
       surefoot simulate home --robot g1      a Unitree G1 (pip install 'surefoot[robots]')
+      surefoot simulate storeys --robot g1   up a flight of stairs, by its depth camera and joints
       surefoot simulate home --difficulty 1  more obstacles, narrower and faster
       surefoot simulate home --fault frozen --fault dropped:0.2     what the robot notices, and does
       surefoot simulate home --seeds 1000:2000 --out runs/homes     a thousand homes, as a batch

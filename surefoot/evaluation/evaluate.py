@@ -45,6 +45,7 @@ from .metrics.gauge_alignment import (
 )
 from .metrics.gauge_alignment import SPACE as SPACE_NAMES
 from .metrics.innovations import innovation_metrics
+from .metrics.levels import level_metrics
 from .metrics.maps import map_metrics, read_map
 from .metrics.obstacles import obstacle_metrics
 from .metrics.surfaces import read_surface, surface_metrics
@@ -333,4 +334,5 @@ def _against_tables(run: RunFolder) -> dict[str, float | bool]:
     clearance = run.read_csv("truth/clearance.csv")
     if clearance is not None:
         figures |= contact_metrics(clearance)
+    figures |= level_metrics(run)
     return figures

@@ -52,7 +52,7 @@ _OUTPUTS = (  # files and folders that a repeated run deletes before it starts
     "obstacles.json", "floor.csv", "timing.csv", "commands.csv", "innovations.csv", "terrain.npz", "states.csv",
     "status.csv", "odometry.csv", "sightings.csv", "smoothed.txt", "smoothed_covariance.csv", "views.json", "mesh.ply",
     "graph.g2o", "layers.npz", "panorama.json", "panorama.npz", "panorama.ply", "panorama_obstacles.png",
-    "monocular.json", "sessions.json", "changes.json", "figures", "views", "truth", "estimates.mcap", "film.webp", "film.json",
+    "ground.json", "footsteps.csv", "heights.csv", "monocular.json", "sessions.json", "changes.json", "figures", "views", "truth", "estimates.mcap", "film.webp", "film.json",
 )  # fmt: skip
 _OUTPUT_PATTERNS = (f"{PART}*", "stages-*.png", ".checkpoint*", "part-[0-9]*")
 

@@ -79,6 +79,7 @@ SHAPES: dict[str, Any] = {
         "obstacles": [EDGES | LENGTHS | {"left_edge_m": CORNER, "right_edge_m": CORNER}], "gaps": [EDGES | LENGTHS],
     },
     "monocular.json": {"frames": int, "skipped?": Values(int), "judged": int, "iou?": Maybe(float), "iou_min?": Maybe(float)},
+    "truth/ground.json": [{"name": str, "top_m": float, "outline_m": [POINT]}],
     "sessions.json": {
         "part": int,
         "sessions": [{

@@ -2,7 +2,8 @@
 
 The map is kept in the frame of the foot that stands, whose ground has height 0. Once a step, while both feet stand, the frame
 moves on to the foot that has just landed, an image is fused, and the next footsteps are planned anew. The pose towards the
-goal is that of the steps, with their mean slip.
+goal is that of steps and gyro, by the filter of the walk on flat ground; the height is that of the joints. What stands above
+the ground keeps the body away.
 
 The gaze goes to where the next feet will land. Where no step leads on, the robot stands and looks about, then gives up:
 "unknown" is a reason to stop.
@@ -14,29 +15,36 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from mapping.ground.ground_map import GroundMap
+from mapping.ground.obstacles import ObstacleMap
 from mapping.ground.surface import Surface
+from perception.depth import points
 from perception.depth.sources import DepthSources
+from perception.localisation.filter import PoseFilter
 from perception.primitives.errors import InputError
 from perception.primitives.frame import Frame
+from perception.primitives.gaussian import Gaussian
 from perception.primitives.own_body import OwnBody
 from perception.primitives.pose import Pose2, Pose3
 from perception.terrain import segmentation
 from planning.commands import GazeCommand, WalkCommand
+from planning.footholds import room
 from planning.footholds.foothold import Foothold, FootNoise
 from planning.footholds.search import FootstepPlan, PlanEnd, Stance, plan
 from planning.planners.planner import Decision
+from planning.search.path import Terrain
 
 from ..config.schema import Config
 from .bodies import Feet
 
 START_M = 0.5  # ours: the robot is put on level ground, which it cannot see for its own legs
-NEAR_M = 0.25  # ours: of the goal
+NEAR_M = 0.15  # ours: of the goal
+GROUND_M = 2.2  # ours: depth to which edges are believed; farther ones, seen often, are surer than they are right
 RISE_SIGMA_M = 0.002  # ours: of a step, by the joints
 SWAY_M, SWAY_RAD = (
     0.005,
@@ -44,7 +52,8 @@ SWAY_M, SWAY_RAD = (
 )  # ours: of the trunk, beside tilt and height of the prior
 LOOKS = ((0.0, 0.0), (0.0, 0.25), (0.35, 0.1), (-0.35, 0.1), (0.0, -0.2), (0.0, 0.1))
 """Ours: gaze of a robot that stands and looks about, pan and tilt from its usual one, rad."""
-TURNS = 3  # ours: times that it looks about before it gives up
+PATIENCE = 10  # ours: steps that lead nowhere before it looks about, and again before it gives up
+SOMEWHERE_M = 0.5  # ours: from where it was, of a step that leads somewhere
 LEAST_GAIN = (
     0.5  # ours: of a longest step, for which a step to the border of what is known is worth it
 )
@@ -73,24 +82,34 @@ class GroundWalker:
     Args:
         config: Sensors, prior, robot, footholds.
         own_body: What the cameras see of the robot; None for nothing.
-        goal: (x, y) in the body frame of the start, m.
+        goal: (x, y) in the world, m.
+        start: Pose of the body in the world (x, y, yaw), m and rad; by default the world is the body frame of the start.
+        latest: The plan of the last step.
+        space: The room of the body that it was made with, frame of the standing foot.
     """
 
     config: Config
     own_body: OwnBody | None
     goal: Float[np.ndarray, "2"]
+    start: Gaussian = field(default_factory=lambda: Gaussian(np.zeros(3), 1e-8 * np.eye(3)))
     latest: FootstepPlan | None = None
+    space: Terrain | None = None
 
     def __post_init__(self) -> None:
         config = self.config
-        self.ground = GroundMap(replace(config.ground, start_m=START_M))
+        self.ground = GroundMap(replace(config.ground, start_m=START_M, forgets=False))
+        self.obstacles = ObstacleMap()
+        self.filter = PoseFilter(self.start, (), config.localiser)
         self._depths = DepthSources(
             config.tof, config.structured_light, config.stereo, ("tof", "depth"), self.own_body
         )
         self._foot = -1  # that stands; the gait begins with the left one
-        self._stands: Pose2 | None = None  # of the standing foot in the body frame before
-        self._motion, self._steps = Pose2(), 0.0
-        self._idle = 0
+        self._stands: Pose2 | None = None  # the standing foot in the world
+        self._stamp_s: float | None = None
+        self._steps = 0.0
+        self._idle = self._surveyed = 0
+        self._from, self._lingered = np.full(2, math.inf), 0  # a place, and steps near it
+        self._height_m = self._height_m2 = 0.0  # of the ground of the standing foot; variance
         noise, prior = config.localiser, config.prior
         self.noise = FootNoise(
             math.hypot(noise.step_x_sigma_m, noise.slip_sigma_m),
@@ -100,6 +119,9 @@ class GroundWalker:
         tilt = math.radians(prior.joints_tilt_deg)
         sigma = [SWAY_M, SWAY_M, prior.joints_height_m, tilt, tilt, SWAY_RAD]
         self._camera_covariance = np.diag(np.square(sigma))
+        model = config.robot_model
+        steps = replace(model.steps, up_m=min(model.steps.up_m, model.steps.down_m))
+        self._robot = replace(model, steps=steps)  # no step up that cannot be taken back
         self._step_covariance = np.diag([*self.noise.variances, RISE_SIGMA_M**2])
 
     @property
@@ -127,7 +149,9 @@ class GroundWalker:
         """
         if frame.odometry is None:
             raise InputError("ground walk: the frame has no odometry; expected that of the steps")
-        self._motion = self._motion @ frame.odometry.motion
+        since_s = 0.0 if self._stamp_s is None else frame.stamp_s - self._stamp_s
+        self.filter.predict(frame.odometry, frame.imu, since_s)
+        self._stamp_s = frame.stamp_s
         self._steps += frame.odometry.steps
         if not frame.footstep_due:
             return None
@@ -135,56 +159,81 @@ class GroundWalker:
         T_foot_body = feet.sole(self._foot).inverse()
         for sensor, depth in self._depths.images(frame):
             assert depth.T_body_camera is not None
-            regions = segmentation.find(
-                depth, self.config.reach.of(sensor), self.config.floor_of(True), sensor
-            )
+            reach = self.config.reach.of(sensor)
+            near = replace(
+                reach, farthest_m=min(reach.farthest_m, GROUND_M)
+            )  # risers farther off would be walls
+            regions = segmentation.find(depth, near, self.config.floor_of(True), sensor)
             pose = T_foot_body @ depth.T_body_camera
             self.ground.observe(regions, pose, self._camera_covariance, depth.camera)
+            cloud = points.from_depth(depth, near.nearest_m, near.farthest_m, near.stride)
+            self.obstacles.observe(cloud, depth, pose, self._camera_covariance)
         surfaces, began_s = self.surfaces, time.thread_time()
-        decision = self._decided(surfaces)
-        return replace(decision, timing_ms={"plan": 1e3 * (time.thread_time() - began_s)})
+        robot = self._robot
+        middle = np.array([0.0, -self._foot * robot.stance_m / 2])
+        ground = room.reachable(surfaces, robot.steps.down_m)
+        self.space = room.terrain(ground, self.obstacles.voxels, robot, middle)
+        roomed_s = time.thread_time()
+        decision = self._decided(surfaces, middle)
+        times = {"room": roomed_s - began_s, "plan": time.thread_time() - roomed_s}
+        return replace(decision, timing_ms={name: 1e3 * s for name, s in times.items()})
+
+    def height(self, feet: FeetReading) -> tuple[float, float]:
+        """Height of the body frame above the ground of the start, and its standard deviation, m."""
+        sole_m = float(feet.sole(self._foot).translation[2])
+        return self._height_m - sole_m, math.sqrt(self._height_m2)
+
+    @property
+    def stands(self) -> tuple[Pose2, float]:
+        """The standing foot in the world, and the height of its ground above that of the start, m."""
+        return (self.filter.pose2 if self._stands is None else self._stands), self._height_m
 
     def _follow(self, feet: FeetReading) -> None:
-        """Move the frame of the map and the goal to the foot that has landed."""
+        """Move the frame of the maps to the foot that has landed."""
         now = -self._foot if self._steps > 0.5 else self._foot
         there = feet.sole(now)
+        stands = self.filter.pose2 @ _flat(there)
         if self._stands is None:
-            self._stands = _flat(there)
-            self.goal = self._stands.inverse().apply(self.goal)
+            self._stands = stands
         elif now != self._foot:
-            slip = Pose2(self.config.localiser.slip_m * self._steps, 0.0, 0.0)
-            motion = self._stands.inverse() @ self._motion @ slip @ _flat(there)
-            rise_m = there.translation[2] - feet.sole(-now).translation[2]
+            motion = self._stands.inverse() @ stands
+            rise_m = float(there.translation[2] - feet.sole(-now).translation[2])
             self.ground.move(motion, rise_m, self._step_covariance)
-            self.goal = motion.inverse().apply(self.goal)
-            self._stands = _flat(there)
-        self._foot, self._motion, self._steps = now, Pose2(), 0.0
+            self.obstacles.move(motion, rise_m, self._step_covariance)
+            self._stands = stands
+            self._height_m += rise_m
+            self._height_m2 += RISE_SIGMA_M**2
+            self._lingered += 1
+        self._foot, self._steps = now, 0.0
 
-    def _decided(self, surfaces: tuple[Surface, ...]) -> Decision:
-        robot = self.config.robot_model
+    def _decided(self, surfaces: tuple[Surface, ...], middle: Float[np.ndarray, "2"]) -> Decision:
+        """The decision from the surfaces, and the middle between the feet."""
+        robot = self._robot
+        goal = self.stands[0].inverse().apply(self.goal)
         found = plan(
-            surfaces, Stance(self._foot, Pose2()), self.goal, NEAR_M, robot,
-            self.noise, self.config.footholds,
+            surfaces, Stance(self._foot, Pose2()), goal, NEAR_M, robot,
+            self.noise, self.config.footholds, self.space,
         )  # fmt: skip
         self.latest = found
-        middle = np.array([0.0, -self._foot * robot.stance_m / 2])
-        if np.linalg.norm(self.goal - middle) <= NEAR_M:
-            return Decision(WalkCommand(), self._gaze(self.goal), "arrived")
+        if np.linalg.norm(goal - middle) <= NEAR_M:
+            return Decision(WalkCommand(), self._gaze(goal), "arrived")
+        if self._surveyed < len(LOOKS):
+            self._surveyed += 1
+            return self._look(goal, self._surveyed - 1, "survey")
         least_m = LEAST_GAIN * robot.gait.max_speed_mps * robot.gait.step_s
+        here = self.stands[0].apply(middle)
+        if np.linalg.norm(here - self._from) > SOMEWHERE_M:
+            self._from, self._lingered = here, 0
         onward = found.end is not PlanEnd.BORDER or found.gain_m > least_m
-        if not onward:
+        if not onward or self._lingered > PATIENCE:
             self._idle += 1
-            if self._idle > TURNS * len(LOOKS):
-                return Decision(WalkCommand(stay=True), self._gaze(self.goal), "unknown")
-            pan, tilt = LOOKS[self._idle % len(LOOKS)]
-            away = self.goal / max(float(np.linalg.norm(self.goal)), 1e-9)
-            usual = self._gaze(0.6 * robot.hip_m * away)
-            return Decision(
-                WalkCommand(stay=True),
-                GazeCommand(usual.pan_rad + pan, usual.tilt_rad + tilt),
-                "look",
-            )
-        self._idle = 0
+            tries = self._idle - len(LOOKS)
+            if tries > PATIENCE or (tries > len(LOOKS) and not found.footholds):
+                return Decision(WalkCommand(stay=True), self._gaze(goal), "unknown")
+            if tries <= 0 or not found.footholds:
+                return self._look(goal, self._idle % len(LOOKS), "look")
+        else:
+            self._idle = 0
         command = found.commands[0]
         walk = WalkCommand(
             command.forward_m - self.config.localiser.slip_m,
@@ -197,6 +246,14 @@ class GroundWalker:
         why = "walk" if abs(walk.rise_m) < 0.01 else ("up" if walk.rise_m > 0.0 else "down")
         target = found.footholds[min(AHEAD, len(found.footholds)) - 1].pose.vector[:2]
         return Decision(walk, self._gaze(target), why)
+
+    def _look(self, goal: Float[np.ndarray, "2"], number: int, why: str) -> Decision:
+        """Stand and look about: towards the goal, and beside and above that."""
+        pan, tilt = LOOKS[number]
+        away = goal / max(float(np.linalg.norm(goal)), 1e-9)
+        usual = self._gaze(0.6 * self._robot.hip_m * away)
+        gaze = GazeCommand(usual.pan_rad + pan, usual.tilt_rad + tilt)
+        return Decision(WalkCommand(stay=True), gaze, why)
 
     def _gaze(self, target: Float[np.ndarray, "2"]) -> GazeCommand:
         """The gaze at a place on the ground."""

@@ -12,14 +12,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from perception.primitives.errors import InputError
+from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2, wrap_angle
 from planning.planners.factory import make
+from planning.planners.mission import ON_LEVELS
 from planning.planners.planner import Planner
 
 from ..config.schema import Config
 from ..recordings.mcap_format import RecordingWriter
 from ..recordings.recording import RecordingInfo
 from ..results.run_folder import RunFolder
+from . import level_walk
 from .bodies import LiveBody
 from .interrupt import stop_requested
 from .loop import Cycle, cycles
@@ -93,7 +97,7 @@ def simulate(
         watch: Is given every cycle, for studies.
 
     Raises:
-        InputError: Unknown scene or planner.
+        InputError, ConfigError: Unknown scene or planner, or one that does not go with the other settings.
         OutputError: The folder cannot be written.
         SurefootError: PyBullet or MuJoCo, which the robot needs, is not installed.
     """
@@ -108,10 +112,20 @@ def simulate(
     scene = catalogue.load(
         config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
     )
+    config = level_walk.planned(config, scene)
+    on_levels = config.mission.planner == ON_LEVELS
+    if on_levels and (record or page is not None):
+        raise InputError(
+            f"planner {ON_LEVELS!r}: a recording or a live page would lack the joints of the feet and the levels; leave "
+            "out --record and --view"
+        )
     goals = () if config.mission.wander else scene.goals[: config.mission.goals]
     folder = RunFolder.create(out, name=f"{scene.name}-{config.seed}")
+    placed = replace(scene, start=true_start(scene, config))
+    if on_levels:
+        start = Gaussian(scene.start.vector, start_covariance(config.robot))
+        return level_walk.walk(config, scene, placed, start, folder, say, report)
     with contextlib.ExitStack() as stack:
-        placed = replace(scene, start=true_start(scene, config))
         world = stack.enter_context(World(placed, config.renderer, config.seed))
         begin = stack.enter_context(_recorder(folder, record))
         robot = stack.enter_context(SimulatedRobot(world, config.robot, config.seed))

@@ -66,6 +66,7 @@ FILES = {
     "sensors": "joint.sensors",
     "stairs-perception": "joint.stairs_perception",
     "stairs-walk": "joint.stairs_walk",
+    "storeys": "joint.storeys",
     "strangers": "joint.strangers",
     "two-physics": "joint.two_physics",
     "walking": "joint.walking",
