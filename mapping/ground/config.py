@@ -23,9 +23,8 @@ class GroundConfig:
         3.0, "m", "distance to which surfaces are kept", "ours: some steps ahead; sensors reach 3 m"
     )
     behind_m: float = 1.0  # ours: the same behind the robot; a step back, and the foot left behind
-    forgets: bool = (
-        True  # ours: what is farther away or behind; else it stays, with an error that grows
-    )
+    # Ours: what is farther away or behind; else it stays, with an error that grows.
+    forgets: bool = True
     start_m: float = 0.12  # ours: radius of the ground that is known at the start, unseen: a stance
     stand_sigma_m: float = (
         0.003  # ours: soles; standard deviation of the height of the ground below the feet

@@ -337,7 +337,7 @@ class GroundMap:
             for other in [one for one in self._patches if one is not patch]:
                 if patch not in self._patches or other not in self._patches:
                     continue
-                if not patch.cells.meets(other.cells):
+                if other.cells.is_empty or not patch.cells.meets(other.cells):
                     continue
                 if patch.cells.holds(other.cells.places()).mean() < COVERED:
                     continue

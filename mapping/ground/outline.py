@@ -22,10 +22,8 @@ MARGIN = 8  # ours: cells round the raster that sides may fill
 FILLED_M = 0.05  # ours: a side fills gaps of the cells inwards so far
 CLEARED_M = 0.06  # ours: and clears stray ones outwards
 CLAIMED = 0.5  # ours: share of the cells beyond a side that belie it
-OPEN_M, OPEN = (
-    0.3,
-    0.9,
-)  # ours: a foot's length; share of the cells seen so far and wide that is an opening
+# Ours: a foot's length; share of the cells seen so far and wide that is an opening.
+OPEN_M, OPEN = 0.3, 0.9
 ROUND_CELLS = 1.0  # ours: by how much corners may be simplified
 NEAR_M = 0.035  # ours: a stretch of the contour, in the mean within this of a side, is part of it
 SLANT = 0.5  # ours: sine of the angle of a stretch that is not

@@ -31,11 +31,8 @@ FIRST_M = -COUNT / 2 * VOXEL_M  # x and y of its corner
 BODY_SIGMA_M = 0.02  # ours: of the trunk over the feet, sideways
 RISK = 0.05  # ours: largest chance that the circle round the trunk touches something at a place
 COMFORT_M, DEAR = 0.30, 4.0  # ours: beyond the gap of that chance, places cost more; most of it
-EDGE_M, BESIDE, BRINK = (
-    0.35,
-    2.0,
-    8.0,
-)  # ours: distance of ground that is lower than a step, and the cost of that
+# Ours: distance of ground that is lower than a step, and the cost of that.
+EDGE_M, BESIDE, BRINK = 0.35, 2.0, 8.0
 LOW_M = 0.10  # ours: above the ground of a place; lower things are stepped over or upon
 GAP_M, SAME_M = 0.15, 0.03  # ours: between surfaces that a step crosses; heights of one level
 LEVEL_M = 0.05  # ours: heights told apart

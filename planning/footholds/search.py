@@ -39,10 +39,8 @@ from .foothold import Foothold, FootNoise, packed
 DESCENT = 0.9  # ours: length of a step down, relative to one up
 SLOPE = math.tan(math.radians(5.0))  # ours: of ground on which a level sole stands
 FARTHEST_M = 12.0  # ours: of a goal from the robot; the coarse map reaches there
-LEVEL_STEPS, RISES = (
-    6,
-    3,
-)  # ours: that a plan looks ahead, of the longest ones, on and between levels
+# Ours: that a plan looks ahead, of the longest ones, on and between levels.
+LEVEL_STEPS, RISES = 6, 3
 NODES = 140  # ours: that a search expands at most
 STEP, TURN, RISE, FALL, CHANCE = 0.5, 1.0, 1.0, 2.0, 4.0
 """Ours: costs of a footstep, of a turn by 1 rad and of a chance as large as the bound, in longest steps; of a rise and of a

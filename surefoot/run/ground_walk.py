@@ -46,17 +46,14 @@ START_M = 0.5  # ours: the robot is put on level ground, which it cannot see for
 NEAR_M = 0.15  # ours: of the goal
 GROUND_M = 2.2  # ours: depth to which edges are believed; farther ones, seen often, are surer than they are right
 RISE_SIGMA_M = 0.002  # ours: of a step, by the joints
-SWAY_M, SWAY_RAD = (
-    0.005,
-    math.radians(0.5),
-)  # ours: of the trunk, beside tilt and height of the prior
+# Ours: of the trunk, beside tilt and height of the prior.
+SWAY_M, SWAY_RAD = 0.005, math.radians(0.5)
 LOOKS = ((0.0, 0.0), (0.0, 0.25), (0.35, 0.1), (-0.35, 0.1), (0.0, -0.2), (0.0, 0.1))
 """Ours: gaze of a robot that stands and looks about, pan and tilt from its usual one, rad."""
 PATIENCE = 10  # ours: steps that lead nowhere before it looks about, and again before it gives up
 SOMEWHERE_M = 0.5  # ours: from where it was, of a step that leads somewhere
-LEAST_GAIN = (
-    0.5  # ours: of a longest step, for which a step to the border of what is known is worth it
-)
+# Ours: of a longest step, for which a step to the border of what is known is worth it.
+LEAST_GAIN = 0.5
 AHEAD = 3  # ours: footsteps at which the gaze is directed
 
 

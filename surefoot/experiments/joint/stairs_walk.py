@@ -5,7 +5,7 @@ is known to it. A foot is on an edge if a tenth of its length or more has no gro
 of a sole has none, or where the ground is lower or higher than the foot expected by more than its lift. To stop before ground that it
 cannot tell is a failure too, but an honest one: "unknown".
 
-Parameters were chosen on seeds 0 to 29; judged are seeds from 2000.
+Parameters were chosen on seeds 0 to 49; judged are seeds from 2000.
 
 Source: ours.
 """
