@@ -46,7 +46,8 @@ def ground(run: RunFolder) -> Drawn | None:
             axes.plot((x, after[0]), (y, after[1]), line, color=colour, lw=1.2)
     walked = _walked(run, body, axes)
     axes.plot(0.0, 0.0, "k^")
-    axes.set(xlabel="x ahead, m", ylabel="y left, m", aspect="equal")
+    axes.set(xlabel="x ahead, m", ylabel="y left, m")
+    axes.set_aspect("equal", adjustable="datalim")
     figure.colorbar(colours, ax=axes, label="height, m")
     marks = [Line2D([], [], color=c, ls=line, label=name) for c, line, name in SIDES.values()]
     figure.legend(handles=marks, loc="outside upper right", ncols=3)
