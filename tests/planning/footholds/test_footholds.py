@@ -190,11 +190,17 @@ def test_a_robot_that_stands_askew_climbs_at_once_where_its_other_foot_would_hav
     assert found.footholds[0].height_m == pytest.approx(0.084)
 
 
-def test_a_foot_does_not_step_up_where_only_one_has_room():
-    ground = rectangle(-0.5, 2.0, half=1.0)
-    beam = rectangle(0.4, 2.0, 0.08, half=0.06)  # as wide as one foot
-    stance = Stance(-1, Pose2(0.0, -0.1))
-    done, _ = walked([ground, beam], (1.6, 0.0), stance)
+def test_a_foot_does_not_step_up_where_the_other_one_has_no_ground_of_its_level():
+    corners = np.array([(-0.5, -1), (2, -1), (2, 0), (0.4, 0), (0.4, 1), (-0.5, 1)])
+    floor = Surface(
+        np.zeros(2), np.zeros(3), 1e-6 * np.eye(3), corners,
+        np.array([1, 0, 1, 1, 0, 0]), np.full(6, 0.005),
+    )  # fmt: skip
+    beam = rectangle(0.4, 2.0, 0.08, half=0.09)  # beside the floor: one foot on each would lead on
+    shift = np.array([0.0, 0.1])
+    beam = replace(beam, origin=beam.origin + shift, outline=beam.outline + shift)
+    done, _ = walked([floor, beam], (1.6, 0.1), steps=10)
+    assert len(done) > 4
     assert max(step.height_m for step, _ in done) == 0.0
 
 
