@@ -2,7 +2,8 @@
 
 Ground is what steps lead to from where the robot stands: a riser, the side of a flight or the edge of the upper floor is
 no higher than the ground beside it and bars nothing; a wall, a table or a parapet is. What counts for a place is what lies
-between the height of a step and the top of the robot above the ground of that place.
+between the height of a step and the top of the robot above the ground of that place. Where no ground is known yet, what rises no
+steeper than a flight may be ground, and bars nothing.
 
 The gap between the body and an obstacle is Gaussian, by the place of the voxel and by that of the body.
 

@@ -65,7 +65,7 @@ def planned(config: Config, scene: Scene) -> Config:
         "mission.headings_deg: it arrives with any heading; leave them out": bool(mission.headings_deg),
         "faults.inject is not noticed there; leave it out": bool(config.faults.inject),
         "moving objects are not seen there; choose a scene without": bool(scene.moving_objects),
-        "it needs a depth camera; choose --robot g1": not (config.robot.tof or _active(config)),
+        "it needs a depth camera; choose --robot g1": not (config.robot.tof or _has_depth_camera(config)),
     }  # fmt: skip
     for problem, holds in refused.items():
         if holds:
@@ -85,7 +85,8 @@ def planned(config: Config, scene: Scene) -> Config:
     return replace(config, mission=replace(mission, planner=ON_LEVELS))
 
 
-def _active(config: Config) -> bool:
+def _has_depth_camera(config: Config) -> bool:
+    """Whether the description of the robot has one."""
     found = config.robot.described
     return found is not None and found.sensor("depth") is not None
 
