@@ -22,10 +22,11 @@ from .region import Edge, EdgeKind, Region
 MEET_SIGMAS = 3.0  # ours
 LEAST_PART = 0.02  # ours: of the image width or height, that an edge crosses
 MOST_LINES = 512  # ours: of an image
-END_PX, FOLD_PX, MATCHED_PX = 0.1, 0.2, 1.0
+FOLD_PX, END_PX, PATTERN_END_PX, MATCHED_PX = 0.2, 0.1, 1.0, 1.0
 """Ours: by how much a border is off because its pixels see both sides, by standard deviation once for all edges of a view
-and once for each. At a fold, the brighter surface decides; where a surface ends, pixels between are dropped, which leaves
-less; block matching of 9 pixels widens what is nearer, by how much depends on the texture, at each end of an edge."""
+and once for each. At a fold, the brighter surface decides; where a surface ends, time of flight drops the pixels between,
+which leaves less, and a camera that matches a projected pattern widens what is nearer by a pixel or so; so does block
+matching of 9 pixels, by how much depends on the texture, at each end of an edge."""
 LEAST_FOLD = 1e-3  # against division by zero
 MOST_DOUBT_M = 0.2  # ours: planes so nearly parallel do not meet at the edge
 FOLD_M = 0.003  # ours: roughness of floors, by which two planes that meet may be off
@@ -37,6 +38,7 @@ def straight_edges(
     q: Float[np.ndarray, "h w"],
     weight: Float[np.ndarray, "h w"],
     depth: Depth,
+    sensor: str | None,
 ) -> list[Region]:
     """The regions with their edges.
 
@@ -45,12 +47,14 @@ def straight_edges(
         labels: Region of every pixel, -1 if none.
         q, weight: Inverse depth, 1/m, and one over its variance; 0 where there is no depth.
         depth: The image.
+        sensor: As for `segmentation.find`.
     """
     if not regions:
         return []
     x, y = depth.camera.slopes
     height, width = labels.shape
     matched = depth.baseline_m > 0.0
+    end_px = END_PX if sensor == "tof" else PATTERN_END_PX
     planes = np.array([[*one.plane.normal, one.plane.offset_m] for one in regions])
     slopes = -planes[:, :3] / planes[:, 3:]
     rows = np.empty((64 * (height + width), _border_kernels.FIELDS), np.int64)
@@ -80,7 +84,7 @@ def straight_edges(
     edges: list[list[Edge]] = [[] for _ in regions]
     for line, kind, doubt in zip(lines, kinds, doubts, strict=True):
         ends = line[:6].reshape(2, 3).copy()
-        off_px = MATCHED_PX if matched else END_PX if kind == EdgeKind.OCCLUDING else FOLD_PX
+        off_px = MATCHED_PX if matched else end_px if kind == EdgeKind.OCCLUDING else FOLD_PX
         off = off_px * float(line[9])
         turn = 2.0 * off**2 / float(np.sum((ends[1] - ends[0]) ** 2)) if matched else 0.0
         P = np.array([[line[6] + doubt[0] + turn, line[8]], [line[8], line[7] + doubt[1] + off**2]])

@@ -50,7 +50,7 @@ RISE_SIGMA_M = 0.002  # ours: of a step, by the joints
 SWAY_M, SWAY_RAD = 0.005, math.radians(0.5)
 LOOKS = ((0.0, 0.0), (0.0, 0.25), (0.35, 0.1), (-0.35, 0.1), (0.0, -0.2), (0.0, 0.1))
 """Ours: gaze of a robot that stands and looks about, pan and tilt from its usual one, rad."""
-PATIENCE = 10  # ours: steps that lead nowhere before it looks about, and again before it gives up
+PATIENCE = 15  # ours: steps that lead nowhere before it looks about, and again before it gives up; 13 turn it about
 SOMEWHERE_M = 0.5  # ours: from where it was, of a step that leads somewhere
 # Ours: of a longest step, for which a step to the border of what is known is worth it.
 LEAST_GAIN = 0.5

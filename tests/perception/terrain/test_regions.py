@@ -105,6 +105,62 @@ def nearest(x):
     return 0.6 + 0.30 * round((x - 0.6) / 0.30)
 
 
+FLIGHTS = [
+    (scenes.stairs(riser, tread, 4, away, down), scenes.pose(1.15, tilt))
+    for riser, tread, away, down, tilt in (
+        (0.06, 0.31, 0.6, False, 0.75),
+        (0.07, 0.33, 0.8, False, 0.7),
+        (0.085, 0.35, 0.5, False, 0.8),
+        (0.06, 0.33, 0.9, True, 0.7),
+        (0.075, 0.31, 0.7, True, 0.8),
+    )
+]
+VIEWS = 6
+
+
+def test_few_low_flights_of_a_noisy_camera_are_taken_for_ramps():
+    """One plane over several treads leans by 10 deg and more; a riser by half a right angle at least."""
+    leaning = 0
+    for surfaces, pose in FLIGHTS:
+        up = scenes.prior(pose).normal
+        for seed in range(VIEWS):
+            for one in segmentation.find(scenes.matched(surfaces, pose, seed), sensor="depth"):
+                sigma = math.sqrt(float(np.linalg.eigvalsh(one.own[:2, :2])[-1]))
+                least = math.radians(4.0) + 3.0 * sigma
+                leaning += least < one.slope_rad(up) < math.radians(45.0)
+    assert leaning <= 0.25 * VIEWS * len(FLIGHTS)
+
+
+def test_edges_of_treads_keep_to_their_sigma_by_a_noisy_camera():
+    errors = {kind: [] for kind in EdgeKind}
+    for surfaces, pose in FLIGHTS:
+        for seed in range(VIEWS):
+            for one in segmentation.find(scenes.matched(surfaces, pose, seed), sensor="depth"):
+                if one.slope_rad(scenes.prior(pose).normal) > math.radians(5.0):
+                    continue
+                height = pose.apply(one.middle)[2]
+                for edge in one.edges:
+                    place, along = pose.apply(edge.middle), pose.rotation @ edge.along
+                    if abs(along[1]) > 0.95 and edge.length_m > 0.3:
+                        true = min(ends_at(surfaces, height), key=lambda x: abs(x - place[0]))
+                        sigma = math.hypot(edge.sigma_m, 0.002)
+                        errors[edge.kind].append((place[0] - true) / sigma)
+    for kind, values in errors.items():
+        assert len(values) > 20, kind
+        assert np.median(np.square(values)) < 1.0, kind
+        assert np.mean(np.abs(values) > 3.0) < 0.1, kind
+
+
+def ends_at(surfaces, height):
+    """Where level surfaces of a height begin and end."""
+    return [
+        end[0]
+        for surface in surfaces
+        for end in surface[:2]
+        if surface[0][1] == surface[1][1] and abs(end[1] - height) < 0.03
+    ]
+
+
 def test_a_hole_is_an_edge_of_the_floor_and_a_lower_region():
     surfaces = [((-2.0, 0.0), (1.0, 0.0), 3.0), ((1.0, -0.3), (3.0, -0.3), 3.0)]
     regions = found(surfaces, pose=scenes.pose(1.2, 0.8))
