@@ -84,6 +84,26 @@ def test_beside_a_near_object_a_strip_of_the_background_is_hidden_from_the_right
     assert np.isfinite(row[front.max() + 2 : front.max() + 30]).all()
 
 
+def test_a_slanted_surface_keeps_its_depth():
+    """The floor from 1 m above; the nearest pixel of each block would be a whole row nearer."""
+    camera, (z, _) = measured(EXACT)
+    rows = np.arange(180, 235)
+    true = camera.camera.fy / (rows - camera.camera.cy)
+    error = np.nanmean(z[180:235, 100:320], axis=1) / true - 1.0
+    assert abs(error.mean()) < 1e-3
+    assert np.abs(error).max() < 0.2 / (rows - camera.camera.cy).min()
+
+
+def test_a_near_object_is_widened_by_a_pixel_over_what_is_behind_it():
+    """Upwards; to the left the right imager sees nothing of what is behind."""
+    for top_m in (0.6, 0.7, 0.8, 0.9):
+        box = Box((1.0, 0.0, top_m / 2), (0.02, 0.4, top_m), 0.0, "plain/slate")
+        camera, (z, _) = measured(EXACT, wall(2.0), box)
+        true = camera.camera.cy + camera.camera.fy * (1.0 - top_m) / 1.01  # its far edge
+        first = np.flatnonzero(z[:, 212] < 1.5).min()
+        assert first == np.ceil(true) - 1
+
+
 def test_the_claims_of_the_g1_cover_the_noise_of_its_camera():
     """Its description knows what the maker states, and nothing of the simulated camera."""
     config = fitted(replace(Config(), robot=replace(Config().robot, model="g1")))
