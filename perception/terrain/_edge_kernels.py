@@ -15,6 +15,7 @@ TRIALS = 12  # ours: samples from which lines to two others are tried
 INLIER_PX = 1.5  # ours: a sample within this many pixels' width of a line is on it
 BESIDE_PX = 5.0  # ours: a sample within this many is on no other line
 LEAST_SHARE = 0.2  # ours: of the samples of a side that an edge explains
+GAP_M, GAP_SPACINGS = 0.15, 5.0  # ours: of an edge; beyond both, what follows is another edge
 LEAST_WIDTH_M = 1e-4  # of a pixel on a plane, as far as it counts
 PARTS = 8  # ours: of an edge, whose scatter tells its covariance
 LINE = 15  # both ends (3 each), variances of angle and offset and their covariance, pixel width, region, kind, other, noise, samples
@@ -192,6 +193,24 @@ def samples_on(
     return on
 
 
+@njit(cache=True, nogil=True)
+def unbroken(at: np.ndarray, on: np.ndarray, x: float, y: float) -> np.ndarray:
+    """Of the samples on a line of this normal, the most without a gap: a passage between two walls is no wall."""
+    count = on.shape[0]
+    run = np.empty(count)
+    for k in range(count):
+        run[k] = at[on[k], 0] * y - at[on[k], 1] * x
+    order = np.argsort(run)
+    gap = max(GAP_M, GAP_SPACINGS * (run[order[-1]] - run[order[0]]) / count)
+    begin, first, last = 0, 0, 0
+    for k in range(1, count + 1):
+        if k == count or run[order[k]] - run[order[k - 1]] > gap:
+            if k - begin > last - first:
+                first, last = begin, k
+            begin = k
+    return on[order[first:last]]
+
+
 @njit(cache=True, nogil=True, forceinline=True)
 def keep_beside(
     at: np.ndarray,
@@ -199,15 +218,26 @@ def keep_beside(
     noise: np.ndarray,
     kept: np.ndarray,
     count: int,
+    on: np.ndarray,
     x: float,
     y: float,
     off: float,
 ) -> int:
-    """Of the samples, as `samples` wrote them, keep those far enough from this line to be on another; their number."""
+    """Of the samples, as `samples` wrote them, keep those far enough from this edge to be on another; their number.
+
+    Args:
+        on: The samples that the edge has.
+        x, y, off: Its normal and offset.
+    """
+    low, high = np.inf, -np.inf
+    for k in on:
+        run = at[k, 0] * y - at[k, 1] * x
+        low, high = min(low, run), max(high, run)
     left = 0
     for k in range(count):
         away, wide = off_line(at, steps, k, x, y, off)
-        if away >= BESIDE_PX * wide:
+        run = at[k, 0] * y - at[k, 1] * x
+        if away >= BESIDE_PX * wide or run < low or run > high:
             at[left], steps[left] = at[k], steps[k]
             noise[left], kept[left] = noise[k], kept[k]
             left += 1
@@ -319,7 +349,10 @@ def lines_of(
             most, x, y, off = largest_line(at[:count], steps[:count])
             if most < fewest or number == found.shape[0]:
                 break
-            on = samples_on(at, steps, count, x, y, off, most)
+            on = unbroken(at, samples_on(at, steps, count, x, y, off, most), x, y)
+            if on.shape[0] < fewest:
+                count = keep_beside(at, steps, noise, kept, count, on, x, y, off)
+                continue
             crossed = group[kept[on], 4]
             crossed = crossed // width if by_columns else crossed % width
             line = found[number]
@@ -331,5 +364,5 @@ def lines_of(
             if more_across(line) == by_columns:  # else the others cross it at a larger angle
                 number += 1
                 lines += 1
-            count = keep_beside(at, steps, noise, kept, count, x, y, off)
+            count = keep_beside(at, steps, noise, kept, count, on, x, y, off)
     return number

@@ -105,6 +105,23 @@ def nearest(x):
     return 0.6 + 0.30 * round((x - 0.6) / 0.30)
 
 
+def test_a_passage_between_two_walls_has_no_edge_across():
+    pose = scenes.pose(1.2, 0.5)
+    floor = [((-2.0, 0.0), (6.0, 0.0), 3.0)]
+    walled = scenes.look([*floor, ((2.0, 0.0), (2.0, 2.0), 1.5)], pose, NOISE_M)
+    rays = scenes.CAMERA.rays @ pose.rotation.T
+    passage = np.abs(rays[..., 1] / rays[..., 0] * 2.0) < 0.45
+    z = np.where(passage, scenes.look(floor, pose, NOISE_M).z, walled.z)
+    regions = segmentation.find(Depth(z, walled.sigma, walled.camera), config=EXACT, sensor="depth")
+    feet = [
+        np.sort(pose.apply(edge.ends)[:, 1])
+        for edge in regions[0].edges
+        if edge.kind == EdgeKind.CONCAVE
+    ]
+    assert all(low > 0.4 or high < -0.4 for low, high in feet)
+    assert {bool(low > 0.0) for low, _ in feet} == {False, True}
+
+
 FLIGHTS = [
     (scenes.stairs(riser, tread, 4, away, down), scenes.pose(1.15, tilt))
     for riser, tread, away, down, tilt in (
