@@ -216,7 +216,7 @@ def search(
         from_here = left_m + FACING * costs[1] * off_way(left, low, fine, goal, fx, fy, yaw)
         if math.hypot(goal[0] - fx, goal[1] - fy) <= goal[2]:
             return nodes, moves, this, GOAL, whole - left_m
-        if left_m <= enough:
+        if left_m <= enough and left_m < whole:  # both may be infinite
             return nodes, moves, this, HORIZON, whole - left_m
         if from_here < nearest - 1e-9:
             best, nearest = this, from_here
@@ -308,4 +308,4 @@ def search(
                         rest = per_m * ahead_m + per_turn * turn_left
                         heapq.heappush(heap, (cost + rest, count))
                         count += 1
-    return nodes, moves, best, BORDER, whole - nearest
+    return nodes, moves, best, BORDER, whole - nearest if nearest < np.inf else 0.0

@@ -5,7 +5,7 @@ is known to it. A foot is on an edge if a tenth of its length or more has no gro
 of a sole has none, or where the ground is lower or higher than the foot expected by more than its lift. To stop before ground that it
 cannot tell is a failure too, but an honest one: "unknown".
 
-Parameters were chosen on seeds 0 to 49, and walks of seeds 2000 to 2015 were looked into; judged are seeds from 2016.
+Parameters were chosen on seeds 0 to 49, and seeds 2000 to 2105 were walked by earlier rules; judged are seeds from 2106.
 
 Source: ours.
 """
@@ -31,7 +31,7 @@ from ...run.ground_walk import FeetReading, GroundWalker
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_trials
 
-FIRST_SEED, MODEL = 2016, "g1"
+FIRST_SEED, MODEL = 2106, "g1"
 MOST_STEPS = 150
 LEAST_CARRIED, STRUCK_M = 0.9, 0.01
 ENDS = ("arrived", "edge", "unknown", "fell", "struck", "time")

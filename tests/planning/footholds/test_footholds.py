@@ -155,6 +155,14 @@ def test_a_plan_ends_at_the_border_of_what_was_seen():
     assert plan([], STANCE, np.array([2.0, 0.0]), 0.1, ROBOT, SLIPPING).footholds == ()
 
 
+def test_a_goal_on_an_island_that_no_step_reaches_gives_no_steps():
+    here, there = rectangle(-0.5, 0.6), rectangle(0.6, 2.6, 0.5)
+    found = plan(
+        [here, there, rectangle(-9.0, 9.0, -0.8, half=9.0)], STANCE, np.array([2.0, 0.0]), 0.1, ROBOT, FIRM
+    )  # fmt: skip
+    assert (found.end, found.footholds, found.gain_m) == (PlanEnd.BORDER, (), 0.0)
+
+
 def test_a_hole_is_walked_round():
     corners = [
         (-0.5, -0.8),
