@@ -163,5 +163,5 @@ EXPERIMENT = Experiment(
         "feet_on_edges": Target("==", 0.0),
         "fell_share": Target("==", 0.0),
     },
-    seeds=50,
+    seeds=100,
 )
