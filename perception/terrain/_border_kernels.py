@@ -142,11 +142,12 @@ def borders(
                 found[count, 2] = kind
                 found[count, 3] = other
                 back = 0
-                near = first if first > 0 else step
-                if first > 0 and step > MIXED_PX + 1:  # a surface of no region
+                beyond = first if first > 0 else step  # the nearest pixel with depth
+                between = first > 0 and step > MIXED_PX + 1  # a surface of no region
+                if between:
                     step = first
-                if kind == OCCLUDING or step == first:  # its pixels may reach onto what is beyond
-                    m, n = v + near * dv, u + near * du
+                if between or kind == OCCLUDING:  # pixels of the region may reach onto it
+                    m, n = v + beyond * dv, u + beyond * du
                     x1 = slope_x[m if rows_x > 1 else 0, n]
                     y1 = slope_y[m, n if columns_y > 1 else 0]
                     off = q[m, n] - (a[0] * x1 + a[1] * y1 + a[2])

@@ -50,7 +50,7 @@ RISE_SIGMA_M = 0.002  # ours: of a step, by the joints
 SWAY_M, SWAY_RAD = 0.005, math.radians(0.5)
 LOOKS = ((0.0, 0.0), (0.0, 0.25), (0.35, 0.1), (-0.35, 0.1), (0.0, -0.2), (0.0, 0.1))
 """Ours: gaze of a robot that stands and looks about, pan and tilt from its usual one, rad."""
-PATIENCE = 15  # ours: steps that lead nowhere before it looks about, and again before it gives up; 13 turn it about
+PATIENCE = 2  # ours: steps more than a turn about takes that lead nowhere before it looks about, and again before it gives up
 SOMEWHERE_M = 0.5  # ours: from where it was, of a step that leads somewhere
 # Ours: of a longest step, for which a step to the border of what is known is worth it.
 LEAST_GAIN = 0.5
@@ -119,6 +119,7 @@ class GroundWalker:
         model = config.robot_model
         steps = replace(model.steps, up_m=min(model.steps.up_m, model.steps.down_m))
         self._robot = replace(model, steps=steps)  # no step up that cannot be taken back
+        self._patience = PATIENCE + math.ceil(math.pi / model.gait.max_turn_rad)
         self._step_covariance = np.diag([*self.noise.variances, RISE_SIGMA_M**2])
 
     @property
@@ -222,10 +223,10 @@ class GroundWalker:
         if np.linalg.norm(here - self._from) > SOMEWHERE_M:
             self._from, self._lingered = here, 0
         onward = found.end is not PlanEnd.BORDER or found.gain_m > least_m
-        if not onward or self._lingered > PATIENCE:
+        if not onward or self._lingered > self._patience:
             self._idle += 1
             tries = self._idle - len(LOOKS)
-            if tries > PATIENCE or (tries > len(LOOKS) and not found.footholds):
+            if tries > self._patience or (tries > len(LOOKS) and not found.footholds):
                 return Decision(WalkCommand(stay=True), self._gaze(goal), "unknown")
             if tries <= 0 or not found.footholds:
                 return self._look(goal, self._idle % len(LOOKS), "look")
