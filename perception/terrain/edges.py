@@ -25,8 +25,9 @@ MOST_LINES = 512  # ours: of an image
 FOLD_PX, END_PX, PATTERN_END_PX, MATCHED_PX = 0.2, 0.1, 1.0, 1.0
 """Ours: by how much a border is off because its pixels see both sides, by standard deviation once for all edges of a view
 and once for each. At a fold, the brighter surface decides; where a surface ends, time of flight drops the pixels between,
-which leaves less, and a camera that matches a projected pattern widens what is nearer by a pixel or so; so does block
-matching of 9 pixels, by how much depends on the texture, at each end of an edge."""
+which leaves less. A camera that matches a projected pattern errs by a pixel or two either way: a Kinect shows the top of a
+cabinet 11 mm, 1.8 pixels, too small (TUM fr3 cabinet, 15 pairs of edges, true to 2 cm). Block matching of 9 pixels widens
+what is nearer, by how much depends on the texture, at each end of an edge."""
 LEAST_FOLD = 1e-3  # against division by zero
 MOST_DOUBT_M = 0.2  # ours: planes so nearly parallel do not meet at the edge
 FOLD_M = 0.003  # ours: roughness of floors, by which two planes that meet may be off
