@@ -117,7 +117,7 @@ class GroundMap:
         T_body_camera: Pose3,
         covariance: Float[np.ndarray, "6 6"],
         camera: Camera,
-    ) -> None:
+    ) -> Pose3:
         """Fuse the regions of one depth image.
 
         Args:
@@ -129,13 +129,16 @@ class GroundMap:
                 p and y as the sway of the trunk has them.
             camera: Of the image.
 
+        Returns:
+            T_body_camera, levelled by what the map knew of the surfaces that were seen.
+
         Raises:
             InputError: The covariance is none, a region lies outside of the image, or the regions are of a sensor
                 with another number of coefficients of distortion than those before.
         """
         _check("covariance of the camera's pose", covariance)
         if not regions:
-            return
+            return T_body_camera
         labels = labels_of(regions, camera)
         heights = self._heights(regions[0].shared.shape[1])
         turn = np.kron(np.eye(2), np.pad(self._body.rotation, (0, 1)))
@@ -181,6 +184,7 @@ class GroundMap:
             patch.sides = believed(patch.cells, patch.sides)
         self._join(list(of_region.values()), heights)
         self._forget()
+        return self._lifted.inverse() @ now
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:

@@ -7,6 +7,7 @@ Source: contours after Suzuki and Abe 1985, corners after Douglas and Peucker 19
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -28,6 +29,11 @@ ROUND_CELLS = 1.0  # ours: by how much corners may be simplified
 NEAR_M = 0.035  # ours: a stretch of the contour, in the mean within this of a side, is part of it
 SLANT = 0.5  # ours: sine of the angle of a stretch that is not
 CORNER_M = 0.12  # ours: sides are prolonged to a common corner this far
+OUTVOTED, SHARED, ALONG = (
+    4,
+    0.5,
+    math.cos(math.radians(15.0)),
+)  # ours: as many times more images; share of the length; cosine between sides beside each other
 SMALL_M2 = 0.004  # ours: specks and holes below half a foot's width squared
 SUBPIXEL = 4  # bits
 
@@ -77,11 +83,23 @@ def believed(cells: SeenCells, sides: Sequence[Side]) -> list[Side]:
     """The sides, as far as the surface was not seen to go on beyond them.
 
     A line through an edge may be prolonged past its end, over an opening: there the cells beyond belie it, and there alone.
+    Of two sides that run beside each other within what cells tell, the surface has one: the one that more images showed.
     """
     if not sides:
         return []
     mask, first = cells.mask(MARGIN)
-    return [part for one in sides for part in _stretches(mask, first, one)]
+    single = [one for one in sides if not any(_outvotes(other, one) for other in sides)]
+    return [part for one in single for part in _stretches(mask, first, one)]
+
+
+def _outvotes(side: Side, other: Side) -> bool:
+    """Whether a side runs along most of another, which far fewer images showed."""
+    if side.views < OUTVOTED * other.views or float(side.outward @ other.outward) < ALONG:
+        return False
+    away = float(np.abs(side.across(other.ends)).max())
+    runs = np.clip(side.run(other.ends), *side.reach)
+    shared = float(np.ptp(runs)) > SHARED * (other.reach[1] - other.reach[0])
+    return away < 2.0 * CLEARED_M and shared
 
 
 def _stretches(mask: np.ndarray, first: Float[np.ndarray, "2"], side: Side) -> list[Side]:

@@ -21,7 +21,7 @@ from ..primitives.pose import Pose2, Pose3
 from .filter import PoseFilter, UpdateReport
 from .pose_source import PlacedCamera, PriorConfig
 from .registration import Registration, RegistrationConfig, RegistrationReport
-from .scan import joined, scan
+from .scan import Scan, joined, scan
 from .static_points import StaticPoints
 
 log = logging.getLogger(__name__)
@@ -52,6 +52,11 @@ class LeggedLocaliser:
     def pose(self) -> Gaussian:
         """Gaussian over (x, y, yaw), by the pose filter."""
         return self._localiser.pose
+
+    @property
+    def pose2(self) -> Pose2:
+        """Its mean."""
+        return self._localiser.pose2
 
     def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
         """Predict by odometry and gyro, update with landmarks."""
@@ -93,7 +98,18 @@ class LeggedLocaliser:
                 for one, camera in zip(seen, cameras, strict=True)
             ]
         )
-        ahead = cameras[0].rotation[:, 2]
+        return self.register_scan(fronts, cameras[0])
+
+    def register_scan(self, fronts: Scan, T_body_camera: Pose3) -> RegistrationReport | None:
+        """Register a scan, body frame, with the keyframes; None if that is not enabled.
+
+        Args:
+            fronts: The scan.
+            T_body_camera: Of the camera, to whose direction the errors of a scan as a whole refer.
+        """
+        if not self._registration.config.enabled:
+            return None
+        ahead = T_body_camera.rotation[:, 2]
         state, report = self._registration.register(
             self._localiser.state,
             fronts,

@@ -94,10 +94,12 @@ def chances(
             side = sides[i]
             dx, dy = side[2] - side[0], side[3] - side[1]
             away = dy * (x - side[0]) - dx * (y - side[1])
-            square, bound = dx * dx + dy * dy, reach + FARTHEST * side[4] + astray
-            if away * away > bound * bound * square or square == 0.0:
-                continue  # far before it, or behind a side of another part
-            along, length = dx * (x - side[0]) + dy * (y - side[1]), math.sqrt(square)
+            length = math.sqrt(dx * dx + dy * dy)
+            if length == 0.0 or away < -(reach + FARTHEST * side[4] + astray) * length:
+                continue  # far before it
+            if away > reach * length:
+                continue  # beyond it, all of the sole: a side of another part, as the far one of a thin wall
+            along, square = dx * (x - side[0]) + dy * (y - side[1]), length * length
             if along < -reach * length or along > square + reach * length:
                 continue  # beside it
             sole = inner if side[5] == UNSEEN else half

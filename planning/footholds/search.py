@@ -41,7 +41,7 @@ SLOPE = math.tan(math.radians(5.0))  # ours: of ground on which a level sole sta
 FARTHEST_M = 12.0  # ours: of a goal from the robot; the coarse map reaches there
 # Ours: that a plan looks ahead, of the longest ones, on and between levels.
 LEVEL_STEPS, RISES = 6, 3
-NODES = 140  # ours: that a search expands at most
+NODES = 140  # ours: that a search expands at most while the robot walks on
 STEP, TURN, RISE, FALL, CHANCE = 0.5, 1.0, 1.0, 2.0, 4.0
 """Ours: costs of a footstep, of a turn by 1 rad and of a chance as large as the bound, in longest steps; of a rise and of a
 descent by 1 m, in m."""
@@ -105,6 +105,7 @@ def plan(
     noise: FootNoise,
     config: FootholdConfig | None = None,
     ground: Terrain | None = None,
+    nodes: int = NODES,
 ) -> FootstepPlan:
     """The next footsteps to a goal.
 
@@ -117,6 +118,7 @@ def plan(
         noise: Of the place at which a foot lands.
         config: Bound of the chances.
         ground: Cost of obstacles and movers, as of the search on flat ground, in the body frame.
+        nodes: That the search expands at most; more find ways through narrow places, and take longer.
     """
     config = config or FootholdConfig()
     sides, planes = packed(surfaces)
@@ -132,16 +134,16 @@ def plan(
     costs = np.array([STEP * ahead, TURN * ahead, RISE, FALL, CHANCE * ahead])
     prices, blocked, grid = _grid(ground)
     start = np.array([*stance.pose.vector, stance.height_m, -1.0, stance.foot])
-    nodes, moves, last, end, gain_m = kernels.search(
+    reached, moves, last, end, gain_m = kernels.search(
         sides, planes, start, np.array([*goal, near_m], np.float64),
         np.array([robot.foot_m[0] / 2, robot.foot_m[1] / 2, robot.stance_m / 2, robot.radius_m]), limits, costs,
-        noise.variances, config.risk, max(LEVEL_STEPS * ahead, RISES * steps.reach_m), NODES, prices, blocked, grid,
+        noise.variances, config.risk, max(LEVEL_STEPS * ahead, RISES * steps.reach_m), nodes, prices, blocked, grid,
     )  # fmt: skip
     found, commands = [], []
     while last > 0:
-        x, y, yaw, z, on, foot, _, missed, unseen, before = (float(v) for v in nodes[last])
+        x, y, yaw, z, on, foot, _, missed, unseen, before = (float(v) for v in reached[last])
         forward, left, turn = (float(v) for v in moves[last])
-        rise = z - float(nodes[int(before), 3])
+        rise = z - float(reached[int(before), 3])
         found.append(Foothold(int(foot), Pose2(x, y, yaw), z, int(on), missed, unseen))
         commands.append(
             WalkCommand(

@@ -26,6 +26,8 @@ from mapping.ground.surface import Surface
 from perception.depth import points
 from perception.depth.sources import DepthSources
 from perception.localisation.filter import PoseFilter
+from perception.localisation.legged_poses import LeggedLocaliser
+from perception.localisation.plane_scan import plane_scan
 from perception.primitives.errors import InputError
 from perception.primitives.frame import Frame
 from perception.primitives.gaussian import Gaussian
@@ -35,7 +37,7 @@ from perception.terrain import segmentation
 from planning.commands import GazeCommand, WalkCommand
 from planning.footholds import room
 from planning.footholds.foothold import Foothold, FootNoise
-from planning.footholds.search import FootstepPlan, PlanEnd, Stance, plan
+from planning.footholds.search import NODES, FootstepPlan, PlanEnd, Stance, plan
 from planning.planners.planner import Decision
 from planning.search.path import Terrain
 
@@ -52,6 +54,7 @@ LOOKS = ((0.0, 0.0), (0.0, 0.25), (0.35, 0.1), (-0.35, 0.1), (0.0, -0.2), (0.0, 
 """Ours: gaze of a robot that stands and looks about, pan and tilt from its usual one, rad."""
 PATIENCE = 2  # ours: steps more than a turn about takes that lead nowhere before it looks about, and again before it gives up
 SOMEWHERE_M = 0.5  # ours: from where it was, of a step that leads somewhere
+LINGERS, THOROUGH = 6, 20 * NODES  # ours: steps that lead nowhere, after which a search may take so many nodes
 # Ours: of a longest step, for which a step to the border of what is known is worth it.
 LEAST_GAIN = 0.5
 AHEAD = 3  # ours: footsteps at which the gaze is directed
@@ -96,13 +99,16 @@ class GroundWalker:
         config = self.config
         self.ground = GroundMap(replace(config.ground, start_m=START_M, forgets=False))
         self.obstacles = ObstacleMap()
-        self.filter = PoseFilter(self.start, (), config.localiser)
+        self.localiser = LeggedLocaliser(
+            PoseFilter(self.start, (), config.localiser), config.prior, config.registration
+        )
+        self._walked = Pose2()  # the body by steps and gyro alone, which no scan makes jump
         self._depths = DepthSources(
             config.tof, config.structured_light, config.stereo, ("tof", "depth"), self.own_body
         )
         self._foot = -1  # that stands; the gait begins with the left one
         self._stands: Pose2 | None = None  # the standing foot in the world
-        self._stamp_s: float | None = None
+        self._stood: Pose2 | None = None  # and by steps and gyro alone
         self._steps = 0.0
         self._idle = self._surveyed = 0
         self._from, self._lingered = np.full(2, math.inf), 0  # a place, and steps near it
@@ -147,14 +153,15 @@ class GroundWalker:
         """
         if frame.odometry is None:
             raise InputError("ground walk: the frame has no odometry; expected that of the steps")
-        since_s = 0.0 if self._stamp_s is None else frame.stamp_s - self._stamp_s
-        self.filter.predict(frame.odometry, frame.imu, since_s)
-        self._stamp_s = frame.stamp_s
+        before = self.localiser.pose2
+        self.localiser.update(frame, ())
+        self._walked = self._walked @ before.inverse() @ self.localiser.pose2
         self._steps += frame.odometry.steps
         if not frame.footstep_due:
             return None
         self._follow(feet)
-        T_foot_body = feet.sole(self._foot).inverse()
+        T_body_foot = feet.sole(self._foot)
+        T_foot_body = T_body_foot.inverse()
         for sensor, depth in self._depths.images(frame):
             assert depth.T_body_camera is not None
             reach = self.config.reach.of(sensor)
@@ -163,9 +170,13 @@ class GroundWalker:
             )  # risers farther off would be walls
             regions = segmentation.find(depth, near, self.config.floor_of(True), sensor)
             pose = T_foot_body @ depth.T_body_camera
-            self.ground.observe(regions, pose, self._camera_covariance, depth.camera)
+            level = self.ground.observe(regions, pose, self._camera_covariance, depth.camera)
+            self.localiser.register_scan(
+                plane_scan(regions, T_body_foot @ level), depth.T_body_camera
+            )
             cloud = points.from_depth(depth, near.nearest_m, near.farthest_m, near.stride)
             self.obstacles.observe(cloud, depth, pose, self._camera_covariance)
+        self._stands = self.localiser.pose2 @ _flat(T_body_foot)
         surfaces, began_s = self.surfaces, time.thread_time()
         robot = self._robot
         middle = np.array([0.0, -self._foot * robot.stance_m / 2])
@@ -184,21 +195,21 @@ class GroundWalker:
     @property
     def stands(self) -> tuple[Pose2, float]:
         """The standing foot in the world, and the height of its ground above that of the start, m."""
-        return (self.filter.pose2 if self._stands is None else self._stands), self._height_m
+        return (self.localiser.pose2 if self._stands is None else self._stands), self._height_m
 
     def _follow(self, feet: FeetReading) -> None:
         """Move the frame of the maps to the foot that has landed."""
         now = -self._foot if self._steps > 0.5 else self._foot
         there = feet.sole(now)
-        stands = self.filter.pose2 @ _flat(there)
-        if self._stands is None:
-            self._stands = stands
+        stands = self._walked @ _flat(there)
+        if self._stood is None:
+            self._stood = stands
         elif now != self._foot:
-            motion = self._stands.inverse() @ stands
+            motion = self._stood.inverse() @ stands
             rise_m = float(there.translation[2] - feet.sole(-now).translation[2])
             self.ground.move(motion, rise_m, self._step_covariance)
             self.obstacles.move(motion, rise_m, self._step_covariance)
-            self._stands = stands
+            self._stood = stands
             self._height_m += rise_m
             self._height_m2 += RISE_SIGMA_M**2
             self._lingered += 1
@@ -208,20 +219,23 @@ class GroundWalker:
         """The decision from the surfaces, and the middle between the feet."""
         robot = self._robot
         goal = self.stands[0].inverse().apply(self.goal)
-        found = plan(
-            surfaces, Stance(self._foot, Pose2()), goal, NEAR_M, robot,
-            self.noise, self.config.footholds, self.space,
-        )  # fmt: skip
-        self.latest = found
-        if np.linalg.norm(goal - middle) <= NEAR_M:
-            return Decision(WalkCommand(), self._gaze(goal), "arrived")
-        if self._surveyed < len(LOOKS):
-            self._surveyed += 1
-            return self._look(goal, self._surveyed - 1, "survey")
         least_m = LEAST_GAIN * robot.gait.max_speed_mps * robot.gait.step_s
         here = self.stands[0].apply(middle)
         if np.linalg.norm(here - self._from) > SOMEWHERE_M:
             self._from, self._lingered = here, 0
+        lingers = self._idle > 0 or self._lingered > LINGERS
+        found = plan(
+            surfaces, Stance(self._foot, Pose2()), goal, NEAR_M, robot,
+            self.noise, self.config.footholds, self.space, THOROUGH if lingers else NODES,
+        )  # fmt: skip
+        self.latest = found
+        if np.linalg.norm(goal - middle) <= NEAR_M:
+            here = self.localiser.pose2.inverse().apply(self.goal)
+            joined = np.linalg.norm(here) <= NEAR_M
+            return Decision(WalkCommand(), self._gaze(goal), "arrived" if joined else "walk")
+        if self._surveyed < len(LOOKS):
+            self._surveyed += 1
+            return self._look(goal, self._surveyed - 1, "survey")
         onward = found.end is not PlanEnd.BORDER or found.gain_m > least_m
         if not onward or self._lingered > self._patience:
             self._idle += 1

@@ -201,7 +201,7 @@ class _Tables:
         busy_ms: float,
     ) -> None:
         """A frame."""
-        pose, (height_m, sigma_m) = walker.filter.pose, walker.height(feet)
+        pose, (height_m, sigma_m) = walker.localiser.pose, walker.height(feet)
         x, y, yaw = pose.mean.tolist()
         self._poses.append(estimate_row(stamp_s, pose))
         self._trajectory.append((stamp_s, x, y, height_m, yaw))

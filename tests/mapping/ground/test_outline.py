@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -38,6 +40,17 @@ def test_a_wall_that_was_prolonged_over_an_opening_ends_before_and_begins_after_
 def test_a_wall_is_kept_whole_and_a_line_across_the_floor_is_not(floor):
     assert [one.reach for one in believed(floor, [line(-1.8, 0.1)])] == [(-1.8, 0.1)]
     assert believed(floor, [line(0.3, 0.9)]) == []
+
+
+def test_of_two_walls_beside_each_other_the_one_that_more_images_showed_is_kept(floor):
+    often = replace(line(-1.8, 0.1), views=8)
+    once = replace(line(-1.5, 0.0), place=np.array([WALL_M - 0.055, 0.0]))
+    assert believed(floor, [once, often]) == [often]
+    assert believed(floor, [often, replace(once, views=3)]) == [often, replace(once, views=3)]
+    short = replace(often, reach=(-1.8, -1.2))  # it says nothing of most of the other
+    assert believed(floor, [short, once]) == [short, once]
+    facing = replace(once, outward=-once.outward, reach=(0.0, 1.5))
+    assert len(believed(SeenCells(), [facing, often])) == 2  # both faces of a thin wall
 
 
 def test_the_floor_on_both_sides_of_the_opening_is_one_polygon(floor):

@@ -97,6 +97,19 @@ def test_unseen_sides_count_by_themselves_and_sides_of_other_parts_not_at_all():
     assert chances(bent, Pose2(0.25, -0.40), ROBOT, FIRM)[0] > 0.5  # across the inner corner
 
 
+def test_the_far_side_of_a_thin_wall_that_is_badly_known_bars_no_foot_on_this_side():
+    ring = [(0, 0), (2, 0), (2, 2), (1.05, 2), (1.05, 0.5), (0.95, 0.5), (0.95, 2), (0, 2)]
+    sigma = np.full(8, 0.005)
+    sigma[5] = 0.1  # of the far side, seen long ago
+    floor = Surface(
+        np.ones(2), np.zeros(3), 1e-6 * np.eye(3), np.array(ring, float), np.full(8, 2), sigma
+    )
+    assert chances(floor, Pose2(1.45, 1.2), ROBOT, FIRM)[0] < 1e-6
+    assert chances(floor, Pose2(0.80, 1.2), ROBOT, FIRM)[0] == pytest.approx(
+        norm.cdf((0.80 + ROBOT.foot_m[0] / 2 - 0.95) / 0.1), abs=1e-3
+    )
+
+
 def walked(ground, goal, stance=STANCE, config=None, steps=60):
     """The footholds and commands of a robot that plans anew at every step, and where the last plan ended."""
     done = []
