@@ -66,7 +66,7 @@ class SimulatedRobot:
         if config.body == "dynamic":
             assert isinstance(self._head, Head)
             self.body = DynamicBody(
-                world, config.gait, config.dynamic, config.imu, self._head, body
+                world, config.gait, config.dynamic, config.imu, self._head, body, self.ground
             )
         else:
             inertial = InertialSensor(config.imu, imu)

@@ -12,7 +12,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
 
 from ..primitives.pose import Pose3
 from ..terrain.region import Region
@@ -29,7 +28,9 @@ def plane_scan(regions: Sequence[Region], T_body_camera: Pose3) -> Scan:
         regions: From `terrain.segmentation.find`, camera frame.
         T_body_camera: Pose of the camera in an upright frame of the body.
     """
-    return joined([_level_line(one, T_body_camera) for one in regions if _is_steep(one, T_body_camera)])
+    return joined(
+        [_level_line(one, T_body_camera) for one in regions if _is_steep(one, T_body_camera)]
+    )
 
 
 def _is_steep(region: Region, T: Pose3) -> bool:
@@ -51,5 +52,7 @@ def _level_line(region: Region, T: Pose3) -> Scan:
     seen = region.middle + np.outer(places, direction)
     effect = np.column_stack([seen @ plane.tangents.T, np.ones(count)])
     variance = np.einsum("ni,ij,nj->n", effect, plane.covariance, effect)
-    sigmas = np.sqrt(count * (variance + SHARED_SIGMA_M**2))  # together they know as much as the plane does
+    sigmas = np.sqrt(
+        count * (variance + SHARED_SIGMA_M**2)
+    )  # together they know as much as the plane does
     return Scan(points, np.tile(normal, (count, 1)), sigmas)

@@ -22,6 +22,7 @@ def gait_of(robot: Description, gait: GaitConfig) -> GaitConfig:
         backward_limit_m=limits.max_back_mps * limits.step_s,
         reach_m=max(robot.model.steps.reach_m, limits.max_speed_mps * limits.step_s),
         forward_limit_m=limits.max_speed_mps * limits.step_s,
+        slow=1.0,
         lateral_limit_m=limits.max_side_mps * limits.step_s,
         turn_limit_deg=limits.max_turn_deg,
         single_support_s=_spanned(gait.single_support_s, limits.single_support_s),

@@ -48,8 +48,9 @@ class GaitConfig:
     zmp_inward_m: float = 0.004  # ours: 10 mm was worse in dynamic walking
     backward_limit_m: float = 0.03  # ours: heels
     forward_limit_m: float = 0.08  # ours: longest stable step in dynamic walking trials
-    reach_m: float = 0.13  # ours: longest step to another level; thighs and shanks of 93 mm
+    reach_m: float = 0.15  # ours: longest step to another level; with 0.17 the dynamic body falls
     lateral_limit_m: float = 0.04  # ours
+    slow: float = 2.0  # ours: how many times as long a step from, or to, another level takes; in the time of a level one the dynamic body falls
     rescue_back_m: float = 0.10  # ours: limits of a recovery step after a push
     rescue_forward_m: float = 0.10  # ours
     turn_limit_deg: float = 14.0  # seed 000: theta_safety
@@ -79,6 +80,7 @@ class GaitConfig:
             backward_limit_m=(0.0, 1.0),
             forward_limit_m=(0.0, 1.0),
             reach_m=(0.0, 1.0),
+            slow=(0.1, 10.0),
             lateral_limit_m=(0.0, 1.0),
             rescue_back_m=(0.0, 1.0),
             rescue_forward_m=(0.0, 1.0),
@@ -201,8 +203,15 @@ class Gait:
             height_m: Of the ground where the foot lands, dead reckoning; None: as commanded.
         """
         config = self.config
+        before = self._feet
+        wanted = before.height_of(-before.swing) + command.rise_m
+        lands = wanted if height_m is None else height_m
+        level = before.left_m == before.right_m == wanted == lands
+        slow = 1.0 if level else config.slow
+        if not level:
+            extension_m = 0.0  # to another level a foot lands where it is told
         double, single = (
-            max(1, round(min(max(seconds, low), high) / config.tick_s))
+            max(1, round(min(max(slow * seconds, low), high) / config.tick_s))
             for seconds, (low, high) in (
                 (command.double_support_s, config.double_support_s),
                 (command.single_support_s, config.single_support_s),
@@ -212,11 +221,7 @@ class Gait:
         phases = self._preview(command, double, single, extension_m)
         capture = self._capture_points(phases, double, single)
         com, velocity = self._follow(capture)
-        swing = self._feet.swing if stepping else 0
-        before = self._feet
-        wanted = before.height_of(-before.swing) + command.rise_m
-        lands = wanted if height_m is None else height_m
-        level = before.left_m == before.right_m == wanted == lands
+        swing = before.swing if stepping else 0
         left, right, lift, progress = self._swing(before, target, stepping, double, single, level)
         self._frame = frame
         if stepping:
@@ -250,7 +255,8 @@ class Gait:
     def land(self, step: Step, tick: int) -> None:
         """Register that the swing foot of the last step landed early, at this tick."""
         x, y, yaw = (float(v) for v in (step.left if step.swing > 0 else step.right)[tick])
-        self._feet = replace(self._feet, swing=step.swing).placed(Pose2(x, y, yaw))
+        height_m = self._feet.height_of(step.swing)
+        self._feet = replace(self._feet, swing=step.swing).placed(Pose2(x, y, yaw), height_m)
 
     def _next(
         self, frame: Pose2, feet: Feet, command: WalkCommand, extension_m: float = 0.0

@@ -44,7 +44,9 @@ from planning.search.path import Terrain
 from ..config.schema import Config
 from .bodies import Feet
 
-START_M = 0.5  # ours: the robot is put on level ground, which it cannot see for its own legs
+START = (
+    5 / 12
+)  # ours: of the height of its camera; the robot is put on level ground, which it cannot see so near
 NEAR_M = 0.15  # ours: of the goal
 GROUND_M = 2.2  # ours: depth to which edges are believed; farther ones, seen often, are surer than they are right
 RISE_SIGMA_M = 0.002  # ours: of a step, by the joints
@@ -54,7 +56,10 @@ LOOKS = ((0.0, 0.0), (0.0, 0.25), (0.35, 0.1), (-0.35, 0.1), (0.0, -0.2), (0.0, 
 """Ours: gaze of a robot that stands and looks about, pan and tilt from its usual one, rad."""
 PATIENCE = 2  # ours: steps more than a turn about takes that lead nowhere before it looks about, and again before it gives up
 SOMEWHERE_M = 0.5  # ours: from where it was, of a step that leads somewhere
-LINGERS, THOROUGH = 6, 20 * NODES  # ours: steps that lead nowhere, after which a search may take so many nodes
+LINGERS, THOROUGH = (
+    6,
+    20 * NODES,
+)  # ours: steps that lead nowhere, after which a search may take so many nodes
 # Ours: of a longest step, for which a step to the border of what is known is worth it.
 LEAST_GAIN = 0.5
 AHEAD = 3  # ours: footsteps at which the gaze is directed
@@ -97,7 +102,9 @@ class GroundWalker:
 
     def __post_init__(self) -> None:
         config = self.config
-        self.ground = GroundMap(replace(config.ground, start_m=START_M, forgets=False))
+        self.ground = GroundMap(
+            replace(config.ground, start_m=START * config.robot_model.eye_m, forgets=False)
+        )
         self.obstacles = ObstacleMap()
         self.localiser = LeggedLocaliser(
             PoseFilter(self.start, (), config.localiser), config.prior, config.registration

@@ -60,7 +60,7 @@ def planned(config: Config, scene: Scene) -> Config:
             f"leave --planner out, or set it to {ON_LEVELS}"
         )
     refused = {
-        "robot.body='dynamic' falls on stairs; set 'kinematic'": config.robot.body == "dynamic",
+        "robot.body='dynamic' is not led over levels; set 'kinematic'": config.robot.body == "dynamic",
         "mission.wander needs a map of one floor; leave it out": mission.wander,
         "mission.headings_deg: it arrives with any heading; leave them out": bool(mission.headings_deg),
         "faults.inject is not noticed there; leave it out": bool(config.faults.inject),

@@ -148,7 +148,7 @@ def pelvis_trajectory(
     left: np.ndarray,
     right: np.ndarray,
     yaw: np.ndarray,
-    hip: float,
+    hip: np.ndarray,
     angles: np.ndarray,
     size: np.ndarray,
     masses: np.ndarray,
@@ -156,7 +156,7 @@ def pelvis_trajectory(
     upper: np.ndarray,
     pelvis: np.ndarray,
 ) -> None:
-    """Pelvis (n, 4) such that the centre of mass follows com (n, 2) over feet (n, 4).
+    """Pelvis (n, 4) at heights hip (n,) such that the centre of mass follows com (n, 2) over feet (n, 4).
 
     Two fixed-point iterations per tick start from the solution of the tick before. Angles (12,) hold the solution
     before the first tick, and afterwards that of the last one.
@@ -168,7 +168,7 @@ def pelvis_trajectory(
             c, s = math.cos(yaw[k]), math.sin(yaw[k])
             pelvis[k, 0] = com[k, 0] - c * offset[0] + s * offset[1]
             pelvis[k, 1] = com[k, 1] - s * offset[0] - c * offset[1]
-            pelvis[k, 2] = hip
+            pelvis[k, 2] = hip[k]
             pelvis[k, 3] = yaw[k]
             leg[0] = size[0]
             leg_inverse(pelvis[k], level, left[k], leg, angles[:6])

@@ -21,6 +21,8 @@ from ._legs_kernels import centre_of_mass, leg_forward, leg_inverse, pelvis_traj
 from .anatomy import LEG_JOINTS, Anatomy, links
 
 UPRIGHT = np.zeros(2)
+STRETCHED = 0.95  # ours: longest leg, relative to a straight one
+SINK_MPS = 0.08  # ours: at which the pelvis goes up and down for long steps
 _LEGS = tuple(f"{side}_{joint}" for side in ("left", "right") for joint in LEG_JOINTS)
 
 
@@ -85,6 +87,14 @@ class Legs:
             prints.append(Pose2(x, y, math.atan2(ahead[1], ahead[0])))
         return prints[0], prints[1]
 
+    def heights(
+        self, angles: Float[np.ndarray, "12"], bend: Float[np.ndarray, "2"] = UPRIGHT
+    ) -> tuple[float, float]:
+        """Heights of left and right sole above a pelvis with that roll and pitch (rad), negative, m."""
+        up = tilt_rotation(bend)[2]
+        left, right = (float(up @ foot.position) - self.body.ankle_m for foot in self.feet(angles))
+        return left, right
+
     def com_shift(self, bend: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
         """Shift of the whole body's centre of mass along and across when only the pelvis bends, m.
 
@@ -102,19 +112,47 @@ class Legs:
         return com
 
     def pelvis_trajectory(
-        self, step: Step, angles: Float[np.ndarray, "12"]
+        self, step: Step, angles: Float[np.ndarray, "12"], tick_s: float, before_m: float
     ) -> Float[np.ndarray, "n 4"]:
         """Pelvis (x, y, z, yaw) over a step such that the centre of mass follows the pendulum.
 
         Args:
             step: Trajectories of feet and centre of mass.
             angles: Joint angles at the tick before the step, the initial guess.
+            tick_s: Period.
+            before_m: Height of the pelvis at the tick before the step.
         """
         pelvis = np.empty((step.ticks, 4))
         left, right = self.ankles(step)
         yaw = np.unwrap(step.body[:, 2])
-        self._carry(step.com, left, right, yaw, angles.copy(), pelvis)
+        hip = self._hip_heights(step, left, right, SINK_MPS * tick_s, before_m)
+        self._carry(step.com, left, right, yaw, hip, angles.copy(), pelvis)
         return pelvis
+
+    def _hip_heights(
+        self,
+        step: Step,
+        left: Float[np.ndarray, "n 4"],
+        right: Float[np.ndarray, "n 4"],
+        change_m: float,
+        before_m: float,
+    ) -> Float[np.ndarray, "n"]:
+        """Heights of the pelvis: as on flat ground, or as low as both legs reach their feet without being stretched."""
+        body = self.body
+        hip = body.hip_m + step.body_m - step.lowered_m
+        if not step.lowered_m.any() and before_m > hip[0] - 1e-9:
+            return hip  # level steps are short
+        longest = STRETCHED * (body.thigh_m + body.shank_m)
+        c, s = np.cos(step.body[:, 2]), np.sin(step.body[:, 2])
+        for feet, side in ((left, 1.0), (right, -1.0)):
+            joint = step.com + side * body.hip_half_m * np.column_stack([-s, c])
+            away2 = ((feet[:, :2] - joint) ** 2).sum(axis=1)
+            hip = np.minimum(hip, feet[:, 2] + np.sqrt(np.maximum(longest**2 - away2, 0.0)))
+        for k in range(len(hip) - 2, -1, -1):
+            hip[k] = min(hip[k], hip[k + 1] + change_m)
+        for k in range(len(hip)):
+            hip[k] = min(hip[k], (hip[k - 1] if k else before_m) + change_m)
+        return hip
 
     def stand(self, com: Float[np.ndarray, "2"], apart_m: float) -> Float[np.ndarray, "12"]:
         """Joint angles of standing with parallel feet and the centre of mass over a point between them, m."""
@@ -122,15 +160,16 @@ class Legs:
         left, right = (
             np.tile([0.0, side * apart_m / 2, self.body.ankle_m, 0.0], (8, 1)) for side in (1, -1)
         )
-        self._carry(np.tile(com, (8, 1)), left, right, np.zeros(8), angles, pelvis)
+        hip = np.full(8, self.body.hip_m)
+        self._carry(np.tile(com, (8, 1)), left, right, np.zeros(8), hip, angles, pelvis)
         return angles
 
     def ankles(self, step: Step) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 4"]]:
         """Left and right ankle (x, y, z, yaw) over a step."""
         found = []
-        for feet, side in ((step.left, 1), (step.right, -1)):
-            lift = step.lift * float(step.swing == side) + self.body.ankle_m
-            found.append(np.column_stack([feet[:, :2], lift, feet[:, 2]]))
+        for feet, ground_m, side in ((step.left, step.left_m, 1), (step.right, step.right_m, -1)):
+            height = step.lift * float(step.swing == side) + ground_m + self.body.ankle_m
+            found.append(np.column_stack([feet[:, :2], height, feet[:, 2]]))
         return found[0], found[1]
 
     def _carry(
@@ -139,11 +178,12 @@ class Legs:
         left: np.ndarray,
         right: np.ndarray,
         yaw: np.ndarray,
+        hip: np.ndarray,
         angles: np.ndarray,
         pelvis: np.ndarray,
     ) -> None:
         args = (self.size, self._masses, self._sole, self._upper)
-        pelvis_trajectory(com, left, right, yaw, self.body.hip_m, angles, *args, pelvis)
+        pelvis_trajectory(com, left, right, yaw, hip, angles, *args, pelvis)
 
 
 def _upper(body: Anatomy) -> Float[np.ndarray, "4"]:

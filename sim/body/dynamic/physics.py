@@ -35,10 +35,10 @@ class Stage:
         body: Dimensions and masses of the robot.
         start: Its pose, world frame.
         stance: Joint angles by name, rad; the others are zero.
-        hip_m: Height of the pelvis in that posture.
+        hip_m: Height of the pelvis in that posture, above the floor z = 0.
         tick_s: Period of control.
         up: Unit vector against gravity, world frame.
-        bumps: Bumps of the floor, world frame.
+        bumps: Bumps and steps of the floor, world frame.
         still: Shapes of static objects, world frame: walls, furniture.
         moving: Parts of each moving object about its origin; `Physics.place` moves them.
     """

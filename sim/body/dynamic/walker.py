@@ -18,8 +18,10 @@ from perception.primitives.frame import Imu
 from perception.primitives.pose import Pose2, Pose3, times
 from planning.commands import WalkCommand
 
+from ...ground import Ground
+from ...shapes import Box
 from ...world import World
-from ..body import Advance
+from ..body import Advance, true_frame
 from ..gait import Gait, GaitConfig, Step
 from ..head import Head
 from ..inertial import ImuConfig
@@ -39,6 +41,7 @@ SETTLE_S = 1.0  # ours: standing before the start
 NECK = ("pan", "tilt")
 TOP_M = 1.0  # ours: higher objects cannot be touched
 FALLEN = math.cos(math.radians(50.0))  # ours: tilt beyond which the body has fallen
+BUMP_M = 0.005  # ours: lower steps are left to the control of the landing, as on bumps
 MEAN_S = 0.2  # time over which `ImuConfig` states its noise
 
 
@@ -53,6 +56,7 @@ class DynamicBody:
         imu: ImuConfig,
         head: Head,
         rng: np.random.Generator,
+        ground: Ground | None = None,
     ) -> None:
         """Place the robot and let it settle.
 
@@ -63,6 +67,7 @@ class DynamicBody:
             imu: Noise of means over 0.2 s.
             head: Moved along with every tick.
             rng: Source of joint offsets, bumps and noise.
+            ground: Levels of the scene; None for a floor.
         """
         body = config.body
         self._scale = body.hip_m / DARWIN.hip_m
@@ -84,16 +89,25 @@ class DynamicBody:
         pelvis = self._legs.footprints(self._angles)
         ahead = Pose2(-(pelvis[0].x + pelvis[1].x) / 2, 0.0)
         bumps = floor_bumps(world.scene.extent, config.bump_m, rng) if config.bump_m > 0.0 else []
+        levels = [part for part in world.scene.ground if isinstance(part, Box)]
+        start = world.scene.start @ ahead
+        self._floor_m = 0.0 if ground is None else ground.under(start)
         self._world = world
         stage = Stage(
             body,
-            world.scene.start @ ahead,
+            start,
             stance,
-            body.hip_m + config.bump_m,
+            self._floor_m + body.hip_m + config.bump_m,
             tick_s,
             config.up,
-            bumps,
-            [part for _, part in world.scene.static_shapes if part.bottom_m < TOP_M],
+            [*bumps, *levels],
+            [
+                part
+                for item in world.scene.static_objects
+                if not item.ground
+                for part in item.parts
+                if part.bottom_m < self._floor_m + TOP_M
+            ],
             [parts for _, parts, _ in world.scene.moving_bodies],
         )
         self.physics = begin(config.engine, stage)
@@ -115,6 +129,7 @@ class DynamicBody:
         self._ticks = -round(SETTLE_S / tick_s)
         self._last = np.append(self._angles, [0.0, 0.0])
         self._tick = 0
+        self._pelvis = np.array([[0.0, 0.0, body.hip_m, 0.0]])
         self._odometry = FootToFootOdometry(self._footprints)
         self._begin_step()
         while self._ticks < 0:
@@ -145,6 +160,7 @@ class DynamicBody:
     def advance(self, ticks: int) -> Advance:
         """Simulate some ticks of the planned gait; waiting for a late landing adds time."""
         before, steps, began = self._odometry.body(self._footprints), 0.0, self._ticks
+        low_m, _ = self._planned_m
         moving_bodies = self._world.body_states()
         while ticks > 0:
             self.start_due_step()
@@ -155,7 +171,8 @@ class DynamicBody:
             ticks -= self._tick - tick
             steps += self._done - done
         motion = before.inverse() @ self._odometry.body(self._footprints)
-        return Advance(motion, steps, (self._ticks - began) * self._tick_s)
+        seconds = (self._ticks - began) * self._tick_s
+        return Advance(motion, steps, seconds, self._planned_m[0] - low_m)
 
     def trunk_from_encoders(self) -> Pose3:
         """Pelvis in the body frame as the robot estimates it, lowered by its height while walking.
@@ -170,9 +187,11 @@ class DynamicBody:
             self._attitude.level(),
             tilt_rotation(self._attitude.tilt - self._hips.bend),
         )
-        foot = np.array([sole.x, sole.y, 0.0])  # below the pelvis, pelvis axes
-        place = pelvis.lifted().translation + foot + times(leaning, hip - foot) - times(level, hip)
-        return Pose3.from_rotation(level, place)
+        pelvis_m, (_, ground_m) = float(self._pelvis[max(self._tick - 1, 0), 2]), self._planned_m
+        lower_m = self.config.body.hip_m - (pelvis_m - ground_m)  # than on level ground
+        foot = np.array([sole.x, sole.y, lower_m])  # below the pelvis, pelvis axes
+        place = pelvis.lifted().translation + np.array([sole.x, sole.y, self._standing_m])
+        return Pose3.from_rotation(level, place + times(leaning, hip - foot) - times(level, hip))
 
     def feet_from_encoders(self) -> tuple[tuple[Pose2, bool], tuple[Pose2, bool]]:
         """Left and right foot in the body frame as the robot estimates them; lifted by plan."""
@@ -204,15 +223,33 @@ class DynamicBody:
 
     @property
     def true_height_m(self) -> float:
-        """0: it walks on flat ground only."""
-        return 0.0
+        """By the standing sole, and by the plan relative to that."""
+        if not self._world.scene.ground:
+            return 0.0
+        standing = "left" if self._odometry.standing > 0 else "right"
+        sole_m = self.physics.link(f"{standing}_ankle_roll").translation[2]
+        return float(sole_m) - self.config.body.ankle_m - self._standing_m
 
     def foot_heights(self) -> tuple[float, float]:
-        """Both 0: it walks on flat ground only."""
-        return 0.0, 0.0
+        left_m, right_m = self._legs.heights(self._encoders, self._hips.bend)
+        standing_m = left_m if self._odometry.standing > 0 else right_m
+        return left_m - standing_m + self._standing_m, right_m - standing_m + self._standing_m
+
+    @property
+    def _planned_m(self) -> tuple[float, float]:
+        """Heights of the body frame and of the ground of the standing foot by the plan, above the start, m."""
+        step, k = self._step, max(self._tick - 1, 0)
+        feet_m = step.left_m if self._odometry.standing > 0 else step.right_m
+        return float(step.body_m[k]), float(feet_m[k])
+
+    @property
+    def _standing_m(self) -> float:
+        """Height of the standing foot above the body frame, by the plan, m."""
+        body_m, standing_m = self._planned_m
+        return standing_m - body_m
 
     def true_trunk(self) -> Pose3:
-        pelvis = self.true_pose.inverse().lifted() @ self.physics.pelvis()
+        pelvis = true_frame(self).inverse() @ self.physics.pelvis()
         return pelvis @ Pose3((0.0, 0.0, -self.config.body.hip_m))
 
     def steady_trunk(self) -> Pose3:
@@ -235,8 +272,8 @@ class DynamicBody:
         ankle = self.config.body.ankle_m
         left, right = (self.physics.link(f"{side}_ankle_roll") for side in ("left", "right"))
         return (
-            (inverse @ _below(left), max(left.translation[2] - ankle, 0.0)),
-            (inverse @ _below(right), max(right.translation[2] - ankle, 0.0)),
+            (inverse @ _below(left), max(left.translation[2] - ankle, 0.0) - self.true_height_m),
+            (inverse @ _below(right), max(right.translation[2] - ankle, 0.0) - self.true_height_m),
         )
 
     def measure_imu(self) -> Imu:
@@ -261,10 +298,16 @@ class DynamicBody:
     def _begin_step(self) -> None:
         self._walking = self._tick > 0 and self._step.stepping
         extension = self._capture.step_extension_m if self._tick > 0 else 0.0
-        self._step: Step = self._gait.step(self._command or WalkCommand(), extension)
+        command = self._command or WalkCommand()
+        if abs(command.rise_m) < BUMP_M * self._scale:
+            command = replace(command, rise_m=0.0)
+        self._step: Step = self._gait.step(command, extension)
         self._command = None
         self._tick = 0
-        self._pelvis = self._legs.pelvis_trajectory(self._step, self._planned)
+        before_m = float(self._pelvis[-1, 2])
+        self._pelvis = self._legs.pelvis_trajectory(
+            self._step, self._planned, self._tick_s, before_m
+        )
         self._left, self._right = self._legs.ankles(self._step)
         # planned acceleration of the walk, along and across the body
         velocity = np.vstack([self._velocity, self._step.com_velocity])

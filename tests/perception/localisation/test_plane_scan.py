@@ -75,7 +75,9 @@ def test_steps_that_slip_are_corrected_by_the_risers_ahead(enabled):
     for seed in range(6):
         rng = np.random.default_rng(seed)
         start = Gaussian(np.zeros(3), np.diag([1e-3, 1e-3, 1e-3]) ** 2)
-        config = LocaliserConfig(step_x_sigma_m=0.02, step_yaw_sigma_rad=math.radians(3.0), slip_m=0.0)
+        config = LocaliserConfig(
+            step_x_sigma_m=0.02, step_yaw_sigma_rad=math.radians(3.0), slip_m=0.0
+        )
         localiser = LeggedLocaliser(
             PoseFilter(start, (), config), PriorConfig(), RegistrationConfig(enabled=enabled)
         )

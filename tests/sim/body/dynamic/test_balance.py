@@ -180,7 +180,7 @@ def test_foot_to_foot_odometry_is_exact_without_slip():
     odometry = FootToFootOdometry(legs.footprints(angles))
     for _ in range(12):
         step = gait.step(WalkCommand(*rng.uniform([-0.02, -0.02, -0.2], [0.06, 0.02, 0.2])))
-        pelvis = legs.pelvis_trajectory(step, angles)
+        pelvis = legs.pelvis_trajectory(step, angles, 0.005, DARWIN.hip_m)
         left, right = legs.ankles(step)
         for k in range(step.ticks):
             angles = legs.solve(pelvis[k], left[k], right[k])

@@ -93,7 +93,7 @@ def test_mass_centre_of_the_legs_follows_the_pendulum():
     angles = legs.stand(np.zeros(2), 0.09)
     for command in [WalkCommand(0.05, 0.01, 0.15)] * 3:
         step = gait.step(command)
-        pelvis = legs.pelvis_trajectory(step, angles)
+        pelvis = legs.pelvis_trajectory(step, angles, 0.005, DARWIN.hip_m)
         left, right = legs.ankles(step)
         for k in range(0, step.ticks, 13):
             solved = legs.solve(pelvis[k], left[k], right[k])
