@@ -148,7 +148,8 @@ class GroundMap:
         lasting = math.sqrt(share) * _root(covariance)
         heights.begin_view((1.0 - share) * covariance, lasting)
         T = self._lifted @ T_body_camera
-        order = sorted(range(len(regions)), key=lambda k: float(np.linalg.norm(regions[k].middle)))
+        # The largest first: it tells best how high the camera is, and so which surfaces the others are.
+        order = sorted(range(len(regions)), key=lambda k: -len(regions[k].pixels))
         of_region: dict[int, _Patch] = {}
         seen: dict[int, Float[np.ndarray, "n 2"]] = {}
         for number in order:

@@ -2,8 +2,9 @@
 
 The map is kept in the frame of the foot that stands, whose ground has height 0. Once a step, while both feet stand, the frame
 moves on to the foot that has just landed, an image is fused, and the next footsteps are planned anew. The pose towards the
-goal is that of steps and gyro, by the filter of the walk on flat ground; the height is that of the joints. What stands above
-the ground keeps the body away.
+goal is that of the walk on flat ground: steps and gyro, corrected by scans of the steep surfaces in view; the height is that of the
+joints. The maps move by steps and gyro alone, so that no correction makes them jump. What stands above the ground keeps the body
+away.
 
 The gaze goes to where the next feet will land. Where no step leads on, the robot stands and looks about, then gives up:
 "unknown" is a reason to stop.
@@ -168,6 +169,20 @@ class GroundWalker:
             return None
         self._follow(feet)
         T_body_foot = feet.sole(self._foot)
+        self._observe(frame, T_body_foot)
+        self._stands = self.localiser.pose2 @ _flat(T_body_foot)
+        surfaces, began_s = self.surfaces, time.thread_time()
+        robot = self._robot
+        middle = np.array([0.0, -self._foot * robot.stance_m / 2])
+        ground = room.reachable(surfaces, robot.steps.down_m)
+        self.space = room.terrain(ground, self.obstacles.voxels, robot, middle)
+        roomed_s = time.thread_time()
+        decision = self._decided(surfaces, middle)
+        times = {"room": roomed_s - began_s, "plan": time.thread_time() - roomed_s}
+        return replace(decision, timing_ms={name: 1e3 * s for name, s in times.items()})
+
+    def _observe(self, frame: Frame, T_body_foot: Pose3) -> None:
+        """Fuse the depth images of a frame into the maps and the pose."""
         T_foot_body = T_body_foot.inverse()
         for sensor, depth in self._depths.images(frame):
             assert depth.T_body_camera is not None
@@ -183,16 +198,6 @@ class GroundWalker:
             )
             cloud = points.from_depth(depth, near.nearest_m, near.farthest_m, near.stride)
             self.obstacles.observe(cloud, depth, pose, self._camera_covariance)
-        self._stands = self.localiser.pose2 @ _flat(T_body_foot)
-        surfaces, began_s = self.surfaces, time.thread_time()
-        robot = self._robot
-        middle = np.array([0.0, -self._foot * robot.stance_m / 2])
-        ground = room.reachable(surfaces, robot.steps.down_m)
-        self.space = room.terrain(ground, self.obstacles.voxels, robot, middle)
-        roomed_s = time.thread_time()
-        decision = self._decided(surfaces, middle)
-        times = {"room": roomed_s - began_s, "plan": time.thread_time() - roomed_s}
-        return replace(decision, timing_ms={name: 1e3 * s for name, s in times.items()})
 
     def height(self, feet: FeetReading) -> tuple[float, float]:
         """Height of the body frame above the ground of the start, and its standard deviation, m."""

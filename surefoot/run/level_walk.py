@@ -1,7 +1,7 @@
 """Simulate a walk over a scene of several levels and write its run folder: a `GroundWalker` leads it, not the pipeline.
 
-Pose by steps and gyro, height by the joints, a map of surfaces and footsteps: there is no floor plane, no occupancy grid and no
-track in such a run, and no recording of it, which would not have the joints of the feet.
+Pose by steps, gyro and the steep surfaces in view, height by the joints, a map of surfaces and footsteps: there is no floor plane,
+no occupancy grid and no track in such a run, and no recording of it, which would not have the joints of the feet.
 
 Source: ours.
 """

@@ -3,6 +3,8 @@
 The body is what is judged. So the footsteps are planned on the true levels, from where the robot truly stands; the planner, gait,
 balance, servos and contacts are those of every walk. Treads are 18 to 24 cm long, flights have two to four steps.
 
+Parameters were chosen on seeds 0 to 7; judged are seeds from 2010.
+
 Source: ours.
 """
 
@@ -26,7 +28,7 @@ from sim.world import World
 from ...config.presets import fitted
 from ...config.schema import Config
 
-FIRST_SEED = 2000
+FIRST_SEED = 2010
 RISERS_M = tuple(0.01 * k for k in range(1, 11))
 TREAD_M, STEPS, AWAY_M, PLATFORM_M, BEYOND_M, HALF_M = (0.18, 0.24), (2, 4), 0.3, 0.5, 0.7, 0.6
 SIGMA_M, NEAR_M, MOST_STEPS, LEAST_CARRIED = 0.002, 0.1, 80, 0.9
@@ -139,13 +141,13 @@ def summary(climbs: list[Climb]) -> dict[str, float]:
 
 def table(climbs: list[Climb]) -> list[str]:
     """One line a height."""
-    lines = ["riser, cm  walks  arrive  fall  steps of those that arrive"]
+    lines = ["riser, cm  walks  arrive  fall  feet on edges  steps of those that arrive"]
     for riser_m in sorted({one.riser_m for one in climbs}):
         same = [one for one in climbs if one.riser_m == riser_m]
         steps = [one.steps for one in same if one.arrived]
         mean = float(np.mean(steps)) if steps else math.nan
         lines.append(
             f"{100 * riser_m:9.0f} {len(same):6d} {sum(one.arrived for one in same):7d} "
-            f"{sum(one.fell for one in same):5d} {mean:27.0f}"
+            f"{sum(one.fell for one in same):5d} {sum(one.feet_on_edges for one in same):14d} {mean:27.0f}"
         )
     return lines

@@ -5,7 +5,7 @@ a platform. Nothing of the scene is known to it. A foot is on an edge if a tenth
 of a sole has none, or where the ground is lower or higher than the foot expected by more than its lift. To stop before ground that it
 cannot tell is a failure too, but an honest one: "unknown". How high a step our own robot climbs in a physics engine: `dynamic_stairs`.
 
-Parameters were chosen on seeds 0 to 49, and seeds 2000 to 2105 were walked by earlier rules; judged are seeds from 2106.
+Parameters were chosen on seeds 0 to 49, and seeds 2000 to 2305 were walked by earlier rules; judged are seeds from 2306.
 
 Source: ours.
 """
@@ -33,7 +33,7 @@ from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_trials
 from . import dynamic_stairs
 
-FIRST_SEED, MODEL = 2106, "g1"
+FIRST_SEED, MODEL = 2306, "g1"
 MOST_STEPS = 150
 LEAST_CARRIED, STRUCK_M = 0.9, 0.01
 ENDS = ("arrived", "edge", "unknown", "fell", "struck", "time")

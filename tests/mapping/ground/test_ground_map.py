@@ -156,6 +156,21 @@ def test_nothing_stands_on_a_wall_or_below_a_box():
         assert abs(beside.height_at(np.array([0.9, y]))[0]) < 0.01
 
 
+@pytest.mark.parametrize("box_m", [0.02, 0.03])
+def test_a_low_box_at_its_feet_does_not_sink_the_floor(box_m):
+    """The height of the camera is known to a centimetre, and the box is nearer than the middle of the floor."""
+    ground, T = GroundMap(), walks.scenes.pose(1.0, 0.75)
+    box = [((0.55, 0.0), (0.55, box_m), 0.12), ((0.55, box_m), (0.75, box_m), 0.12)]
+    for k, scene in enumerate((FLAT, FLAT, [*FLAT, *box], [*FLAT, *box])):
+        ground.observe(walks.regions(scene, T, k), T, walks.POSE, walks.CAMERA)
+    heights = {
+        place: [one.height_at(np.array([place, 0.0]))[0] for one in at(ground.surfaces, place)]
+        for place in (1.5, 0.65)
+    }
+    assert heights[1.5] == pytest.approx([0.0], abs=0.008)
+    assert min(abs(z - box_m) for z in heights[0.65]) < 0.003
+
+
 def test_ground_far_behind_is_forgotten():
     ground = seen(FLAT)
     for _ in range(12):
