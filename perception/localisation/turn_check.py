@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from ..filtering.consistency import chi_square_quantile
 from ..filtering.models import DRIFT, GYRO_BIAS, LATERAL_SLIP, SLIP, TURN, YAW, X, Y
-from ..monitoring.agreement import DISAGREE, Bias
+from ..monitoring.agreement import Bias
 from ..primitives.gaussian import Gaussian
 from ..primitives.pose import Pose2
 from .localiser_noise import GYRO_BIAS_SIGMA_RADPS
@@ -32,7 +32,9 @@ SLIDES = 0.5  # ours: share of a step by which feet may slide that turn otherwis
 UNUSUAL = 4.0  # ours: deviations of drift and bias from which on one of them is still doubted
 MOST_BIAS, MOST_DRIFT, MOST_SLIP = 1.0, 1.0, 0.2
 """Ours: rad/s, rad per step and m per step; nobody walks beyond."""
-LIKELY = chi_square_quantile(DISAGREE, 1)
+LIKELY = chi_square_quantile(
+    1.0 - 1e-7, 1
+)  # ours: of a turn alone; a walk has thousands, and a foot may slip once
 TURNED = np.ix_((YAW, TURN), (YAW, TURN))
 PLACE = [X, Y]
 

@@ -48,7 +48,7 @@ from .bodies import Feet
 START = (
     5 / 12
 )  # ours: of the height of its camera; the robot is put on level ground, which it cannot see so near
-NEAR_M = 0.15  # ours: of the goal
+NEAR_M = 0.10  # ours: of the goal; half of a long step
 GROUND_M = 2.2  # ours: depth to which edges are believed; farther ones, seen often, are surer than they are right
 RISE_SIGMA_M = 0.002  # ours: of a step, by the joints
 # Ours: of the trunk, beside tilt and height of the prior.

@@ -21,7 +21,7 @@ from planning.commands import WalkCommand
 from ...ground import Ground
 from ...shapes import Box
 from ...world import World
-from ..body import Advance, true_frame
+from ..body import Advance
 from ..gait import Gait, GaitConfig, Step
 from ..head import Head
 from ..inertial import ImuConfig
@@ -249,8 +249,10 @@ class DynamicBody:
         return standing_m - body_m
 
     def true_trunk(self) -> Pose3:
-        pelvis = true_frame(self).inverse() @ self.physics.pelvis()
-        return pelvis @ Pose3((0.0, 0.0, -self.config.body.hip_m))
+        pelvis = self.true_pose.inverse().lifted() @ self.physics.pelvis()
+        trunk = pelvis @ Pose3((0.0, 0.0, -self.config.body.hip_m))
+        x, y, z = trunk.translation
+        return replace(trunk, translation=(x, y, z - self.true_height_m))
 
     def steady_trunk(self) -> Pose3:
         """The same: this trunk moves continuously."""

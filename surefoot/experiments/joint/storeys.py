@@ -4,7 +4,7 @@ A Unitree G1 with a kinematic body, its depth camera, gyro and joints, without l
 its start and the place of the goal. Arrived is who says so and truly stands within half a metre of the goal; the map is right
 where the floors differ in height as they truly do.
 
-Parameters were chosen on seeds 0 to 51, and walks of seeds 2000 to 2069 were looked into; judged are seeds from 2070.
+Parameters were chosen on seeds 0 to 51, and walks of seeds 2000 to 2089 were looked into; judged are seeds from 2090.
 
 Source: ours.
 """
@@ -28,7 +28,7 @@ from ...run.simulate import simulate
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_trials
 
-FIRST_SEED, MODEL, SCENE = 2070, "g1", "storeys"
+FIRST_SEED, MODEL, SCENE = 2090, "g1", "storeys"
 NEAR_M = 0.5  # from the goal to where the robot truly stands
 
 
