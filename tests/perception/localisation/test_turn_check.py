@@ -21,9 +21,15 @@ SIDEWAYS = 0.67  # share by which sliding feet claim more than was walked
 
 
 def walked(
-    seed: int, twist_deg: float = 0.0, bias_deg: float = 0.0, ends: int = ENDS
+    seed: int,
+    twist_deg: float = 0.0,
+    bias_deg: float = 0.0,
+    ends: int = ENDS,
+    slips: float | None = None,
 ) -> tuple[PoseFilter, list[bool], np.ndarray, np.ndarray]:
     """Steps and gyro alone. In the fault feet slide, and turn by `twist_deg` a step, or the gyro adds `bias_deg` a second.
+
+    Where it begins, one step slips by as many standard deviations as `slips` says.
 
     Returns:
         The filter at the end; of every frame: whether gyro and steps disagree, NEES of the pose, its largest sigma (m).
@@ -37,10 +43,12 @@ def walked(
         fault = BEGINS <= k < ends
         made = Pose2(FORWARD_M, 0.0, 3.0 * DEG * math.sin(k / 15))
         root = math.sqrt(STEPS)
+        x, y, yaw = rng.normal(size=3)
+        yaw = slips if slips is not None and k == BEGINS else yaw
         slip = Pose2(
-            -0.0012 * STEPS + 0.0015 * root * rng.normal(),
-            0.0006 * root * rng.normal(),
-            drift * STEPS + 0.6 * DEG * root * rng.normal(),
+            -0.0012 * STEPS + 0.0015 * root * x,
+            0.0006 * root * y,
+            drift * STEPS + 0.6 * DEG * root * yaw,
         )
         now = true @ made @ slip
         rate = wrap_angle(now.yaw - true.yaw) / DT + bias + 0.002 * rng.normal()
@@ -67,6 +75,12 @@ def test_a_fault_is_doubted_soon_and_no_longer_than_four_seconds_after_its_end(f
     assert any(doubted[BEGINS : BEGINS + round(2.0 / DT)])
     assert all(doubted[BEGINS + round(2.0 / DT) : ENDS])
     assert not any(doubted[ENDS + round(4.0 / DT) :])
+
+
+def test_one_step_that_slips_is_seldom_a_fault():
+    """A walk has thousands of steps, and one slips as far by chance."""
+    doubts = [any(walked(seed, slips=slips)[1]) for seed in range(20) for slips in (4.1, -4.1)]
+    assert np.mean(doubts) <= 0.1
 
 
 @pytest.mark.parametrize("seed", range(6))
