@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,8 @@ from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import RobotModel, StepLimits
 from planning.footholds.foothold import FootNoise, chances
-from planning.footholds.search import FootholdConfig, PlanEnd, Stance, plan
+from planning.footholds.search import NODES, FootholdConfig, PlanEnd, Stance, plan
+from planning.search.path import Terrain
 
 ROBOT = RobotModel(
     foot_m=(0.205, 0.066), hip_m=0.63, stance_m=0.20, steps=StepLimits(0.14, 0.10, 0.30)
@@ -242,6 +244,28 @@ def test_a_wall_that_only_the_surface_remembers_is_walked_round_and_a_step_up_is
     assert ends["wall"].y > 0.9  # where the wall ends
     assert ends["step"].x > 1.9
     assert ends["step"].y < 0.4
+
+
+def test_more_nodes_find_the_way_through_a_crooked_corridor():
+    axis = -3.2 + (np.arange(128) + 0.5) * 0.05
+    x, y = np.meshgrid(axis, axis)
+    blocked = np.ones((128, 128), np.bool_)
+    corners = np.array([(-0.6, 0.0), (0.15, 0.0), (0.5, -0.35), (1.1, 0.35), (2.6, 0.0)])
+    for a, b in itertools.pairwise(corners):
+        share = np.clip(
+            ((x - a[0]) * (b - a)[0] + (y - a[1]) * (b - a)[1]) / ((b - a) @ (b - a)), 0, 1
+        )
+        off = np.hypot(x - a[0] - share * (b - a)[0], y - a[1] - share * (b - a)[1])
+        blocked &= off > 0.08  # the frame between the feet has 16 cm
+    corridor = Terrain(np.ones((128, 128)), blocked, blocked, np.full(2, -3.2), 0.05)
+    floor = rectangle(-1.0, 3.0, half=2.0)
+    found = {
+        nodes: plan([floor], STANCE, np.array([2.5, 0.0]), 0.1, ROBOT, SLIPPING, None, corridor, nodes)
+        for nodes in (NODES, 20 * NODES)
+    }  # fmt: skip
+    assert found[NODES].end is PlanEnd.BORDER
+    assert found[20 * NODES].end is PlanEnd.HORIZON
+    assert found[20 * NODES].gain_m > 2.0 * found[NODES].gain_m
 
 
 def test_more_risk_allows_narrower_treads():
