@@ -51,7 +51,7 @@ def test_what_does_not_go_with_it_is_refused(mission, match):
 
 
 def test_legs_that_are_too_short_are_refused_with_the_height_of_the_steps():
-    with pytest.raises(ConfigError, match=r"3 cm .*risers of \d cm; choose --robot g1"):
+    with pytest.raises(ConfigError, match=r"5 cm .*risers of \d cm; choose --robot g1"):
         level_walk.planned(Config(), STOREYS)
 
 
