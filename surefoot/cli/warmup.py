@@ -56,6 +56,7 @@ def warm(say: Callable[[str], None]) -> None:
         _panorama,
         _walkers_by_picture,
         _floors_and_steps,
+        _levels,
         _robot_log,
         _walking_body,
         _camera_in_the_hand,
@@ -133,6 +134,31 @@ def _floors_and_steps(rng: np.random.Generator) -> str:
         config.robot_model,
     )
     return "floors and steps"
+
+
+def _levels(rng: np.random.Generator) -> str:
+    """Footsteps over a step of the ground."""
+    from mapping.ground.surface import Border, Surface
+    from planning.footholds.foothold import FootNoise
+    from planning.footholds.search import Stance, plan
+
+    square = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+    ground = [
+        Surface(
+            np.array([ahead, 0.0]),
+            np.array([height, 0.0, 0.0]),
+            1e-6 * np.eye(3),
+            square + np.array([ahead, 0.0]),
+            np.full(4, int(Border.DROP)),
+            np.full(4, 0.002),
+        )
+        for ahead, height in ((0.0, 0.0), (1.0, 0.03))
+    ]
+    noise = FootNoise(0.001, 0.001, 0.01)
+    plan(
+        ground, Stance(-1, Pose2(0.2, 0.0)), np.array([1.2, 0.0]), 0.1, Config().robot_model, noise
+    )
+    return "levels"
 
 
 def _robot_log(rng: np.random.Generator) -> str:
