@@ -27,6 +27,9 @@ def plane_scan(regions: Sequence[Region], T_body_camera: Pose3) -> Scan:
     Args:
         regions: From `terrain.segmentation.find`, camera frame.
         T_body_camera: Pose of the camera in an upright frame of the body.
+
+    Returns:
+        Points in the body frame, m, region after region; normals towards the camera.
     """
     return joined(
         [_level_line(one, T_body_camera) for one in regions if _is_steep(one, T_body_camera)]

@@ -104,9 +104,9 @@ class DynamicBody:
             [
                 part
                 for item in world.scene.static_objects
-                if not item.ground
                 for part in item.parts
                 if part.bottom_m < self._floor_m + TOP_M
+                and not (item.ground and isinstance(part, Box))
             ],
             [parts for _, parts, _ in world.scene.moving_bodies],
         )
