@@ -12,12 +12,15 @@ from typing import TYPE_CHECKING
 from mapping.grid.confidence import ConfidenceLayer
 from mapping.grid.egocentric_grid import EgocentricGrid
 from mapping.grid.world_map import WorldMap
+from mapping.ground.levels import Levels
 from perception.estimate import Estimate
 from perception.primitives.landmark import Landmark
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from mapping.ground.levels import LevelView
+    from perception.floor.segmented_view import SegmentedView
     from perception.monocular.colour_floor import ColourFloor
     from perception.primitives.gaussian import Gaussian
     from perception.primitives.obstacle import Obstacle
@@ -35,6 +38,7 @@ class WorldModel:
         confidence: How fresh the grid's cells are; None likewise.
         world_map: Occupancy of the whole run; None if none is kept.
         landmarks: Known beforehand, map frame.
+        levels: Ground of several levels; None where the ground is one floor.
     """
 
     estimate: Estimate
@@ -42,6 +46,7 @@ class WorldModel:
     confidence: ConfidenceLayer | None = None
     world_map: WorldMap | None = None
     landmarks: Sequence[Landmark] = ()
+    levels: Levels | None = None
 
     @property
     def stamp_s(self) -> float:
@@ -62,6 +67,11 @@ class WorldModel:
     def tracks(self) -> Sequence[Obstacle]:
         """Tracked obstacles, map frame."""
         return self.estimate.obstacles
+
+    @property
+    def views(self) -> Sequence[SegmentedView | LevelView]:
+        """The depth images of this frame, each with its sensor and the place of the camera."""
+        return self.estimate.views if self.levels is None else self.levels.views
 
     @property
     def floor(self) -> Plane | None:

@@ -18,13 +18,14 @@ import numpy as np
 from perception.primitives.frame import (
     ColourView,
     DepthView,
+    FeetReading,
     Frame,
     RangeView,
     StepOdometry,
     StereoView,
 )
 from perception.primitives.own_body import OwnBody
-from perception.primitives.pose import Pose2, Pose3
+from perception.primitives.pose import Pose3
 from planning.commands import GazeCommand, WalkCommand
 
 from .body.body import Advance, Body, true_frame
@@ -131,6 +132,7 @@ class SimulatedRobot:
             imu=imu,
             footstep_due=ends,
             joints=None if self._legs is None else self._legs.reading(),
+            feet=self._feet(),
         )
 
     def walk(self, command: WalkCommand) -> None:
@@ -143,14 +145,6 @@ class SimulatedRobot:
     def look(self, gaze: GazeCommand) -> None:
         """Set the gaze; the head moves there within its speed and range."""
         self._head.look(gaze)
-
-    def feet(self) -> tuple[tuple[Pose2, bool], tuple[Pose2, bool]]:
-        """Left and right foot in the body frame by the joint encoders, each with whether it is lifted."""
-        return self.body.feet_from_encoders()
-
-    def foot_heights(self) -> tuple[float, float]:
-        """Heights of left and right sole in the body frame by the joint encoders, m."""
-        return self.body.foot_heights()
 
     def cameras(self) -> dict[str, tuple[float, float, float]]:
         """Enabled cameras and their positions in the head."""
@@ -216,6 +210,11 @@ class SimulatedRobot:
         at, seconds = self.body.true_pose, round(self.body.ticks * self.config.gait.tick_s, 9)
         self.world.advance_to(self._began_s + seconds, (at.x, at.y))
         return advance
+
+    def _feet(self) -> FeetReading:
+        """The feet by the joint encoders."""
+        (left, left_lifted), (right, right_lifted) = self.body.feet_from_encoders()
+        return FeetReading(left, right, *self.body.foot_heights(), (left_lifted, right_lifted))
 
     def _range_view(self) -> RangeView | None:
         fails_s = self.config.tof_fails_at_s

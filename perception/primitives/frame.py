@@ -114,6 +114,30 @@ class Imu:
 
 
 @dataclass(frozen=True)
+class FeetReading:
+    """Soles of the feet by the joint encoders, body frame.
+
+    The body frame is midway between the feet, on the ground; on two levels, between them.
+
+    Args:
+        left, right: Middle and heading of a level sole.
+        left_m, right_m: Its height, m.
+        lifted: Whether the left and the right foot are in the air.
+    """
+
+    left: Pose2
+    right: Pose2
+    left_m: float = 0.0
+    right_m: float = 0.0
+    lifted: tuple[bool, bool] = (False, False)
+
+    def sole(self, foot: int) -> Pose3:
+        """The sole of a foot, 1 the left, -1 the right, body frame."""
+        pose, height_m = (self.left, self.left_m) if foot > 0 else (self.right, self.right_m)
+        return Pose3((pose.x, pose.y, height_m), pose.lifted().quat_xyzw)
+
+
+@dataclass(frozen=True)
 class Frame:
     """Measurements of all sensors at one instant.
 
@@ -126,6 +150,7 @@ class Frame:
             None in a live run.
         footstep_due: Whether the gait needs its next walk command at this instant.
         joints: Angles of all joints; None where the robot's own body is not known.
+        feet: Where the feet are; None where that is not known.
     """
 
     stamp_s: float
@@ -138,3 +163,4 @@ class Frame:
     T_world_camera: Pose3 | None = None
     footstep_due: bool = False
     joints: JointReading | None = None
+    feet: FeetReading | None = None

@@ -3,7 +3,8 @@
 A planner decides by what it is told of the world. When the sensors contradict each other, or show nothing, it is told
 too little, whichever planner it is: then the robot makes shorter steps, or stands until they agree again. The gaze
 stays the planner's, so that the cameras go on looking. A robot that only does not know where it is looks for what it
-knows: first the head turns to both sides, then the body turns on the spot. Source: ours.
+knows: first the head turns to both sides, then the body turns on the spot. On ground of several levels every foot has its
+place, so a step is never shortened, and a robot that is to stand keeps its feet where they are. Source: ours.
 """
 
 from __future__ import annotations
@@ -40,6 +41,10 @@ class Caution:
         """
         status = world.estimate.status
         stand = [one.words for one in status if one.asks == STAND]
+        if world.levels is not None:
+            if not stand:
+                return decision
+            return replace(decision, walk=WalkCommand(stay=True), why=f"stand: {stand[0]}")
         self._looks = self._looks + 1 if stand == [LOST] else 0
         if self._looks:
             return self._look_around(decision, world)

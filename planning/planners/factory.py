@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from typing import cast
 
 from perception.primitives import plugins
-from perception.primitives.errors import InputError
 
 from .depth_loss_fallback import DepthLossFallback
-from .mission import ON_LEVELS, PLANNERS
+from .mission import PLANNERS
 from .planner import Planner
 from .settings import PlanningConfig
 from .stuck_recovery import StuckRecovery
@@ -35,14 +34,9 @@ def make(
         fall_back: Whether the robot walks by colour while depth is lost; else it stands.
 
     Raises:
-        InputError: A planner of the user's cannot be loaded, or the planner decides by more than a world model.
+        InputError: A planner of the user's cannot be loaded.
     """
     mission = config.mission
-    if mission.planner == ON_LEVELS:
-        raise InputError(
-            f"planner {ON_LEVELS!r} walks by the joints of a robot's feet: only `surefoot simulate` has it; choose "
-            f"{', '.join(PLANNERS)}"
-        )
     planner = cast(
         Planner, plugins.load(mission.planner, PLANNERS, "planner", MEMBERS)(config, goals)
     )

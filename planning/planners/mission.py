@@ -14,11 +14,12 @@ PLANNERS = {
     "field": "planning.planners.field_planner:FieldPlanner",
     "swarm": "planning.planners.swarm_planner:SwarmPlanner",
     "avoidance": "planning.planners.avoidance_planner:AvoidancePlanner",
+    "footholds": "planning.planners.foothold_planner:FootholdPlanner",
 }
 """Our planners: name to class."""
 
 ON_LEVELS = "footholds"
-"""The walk over ground of several levels, by footsteps of their own place (`planning.footholds`); no class of `PLANNERS`."""
+"""The one of them for ground of several levels."""
 
 ARRIVING = ("search", "field")
 """Those of them that can arrive with a given heading."""
@@ -58,7 +59,7 @@ class MissionConfig:
     )
 
     def __post_init__(self) -> None:
-        problem = plugins.check(self.planner, {**PLANNERS, ON_LEVELS: ""}, "planner")
+        problem = plugins.check(self.planner, PLANNERS, "planner")
         if problem is not None:
             raise ConfigError(f"mission: {problem}")
         own = self.planner not in PLANNERS

@@ -1,8 +1,8 @@
 """The planner protocol: from the world model to the next footstep and gaze.
 
-Four planners implement it: `search_planner` (grid search and univector field), `field_planner` (univector field
-to the goal), `swarm_planner` (seed 000, by one colour camera), `avoidance_planner` (seed 004). A planner of your
-own needs the five members below and a constructor that takes `PlanningConfig` and the goals.
+Five planners implement it: `search_planner` (grid search and univector field), `field_planner` (univector field
+to the goal), `swarm_planner` (seed 000, by one colour camera), `avoidance_planner` (seed 004), `foothold_planner`
+(ground of several levels). A planner of your own needs the five members below and a constructor that takes `PlanningConfig` and the goals.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from ..commands import GazeCommand, WalkCommand
+from ..footholds.foothold import Foothold
 from ..gaze.selection import DirectionMap
 from ..world_model import WorldModel
 
@@ -38,9 +39,10 @@ class Plan:
     Args:
         goal: The present goal; None without one.
         route: Way points to it, the robot first; empty without a search.
-        steps: Next poses of the body, x, y, yaw, one a step.
+        steps: Next poses of the body, x, y, yaw, one a step; on several levels those of the feet.
         risk: Probability of contact with what may move, on the next steps, as the guard claims it; None without a guard.
         gaze_map: Worth of the directions, by which the gaze was chosen; None if it was not.
+        foothold: Where the next foot is to land on several levels, frame of the standing foot; None on flat ground.
     """
 
     goal: Float[np.ndarray, "2"] | None = None
@@ -48,6 +50,7 @@ class Plan:
     steps: Float[np.ndarray, "n 3"] = field(default_factory=lambda: np.zeros((0, 3)))
     risk: float | None = None
     gaze_map: DirectionMap | None = None
+    foothold: Foothold | None = None
 
 
 @dataclass(frozen=True)

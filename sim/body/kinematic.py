@@ -86,10 +86,34 @@ class Sway:
     height_m: float = 0.0
 
 
-class KinematicBody:
-    """Walks by footsteps from a start pose; the members of `Body` are documented there."""
+@dataclass(frozen=True)
+class Landing:
+    """How a foot came to stand on ground of several levels; truth.
 
-    fallen = False
+    Args:
+        number: Of the landing, from 1 on.
+        carried: Share of its length with ground below it.
+        middle: Whether its middle has ground below it.
+        expected_m: Height above the other foot that was commanded.
+        rise_m: The height that it has.
+        struck_m: By how much it went below the ground on its way.
+    """
+
+    number: int
+    carried: float
+    middle: bool
+    expected_m: float
+    rise_m: float
+    struck_m: float
+
+
+class KinematicBody:
+    """Walks by footsteps from a start pose; the members of `Body` are documented there.
+
+    On flat ground it never falls. On several levels it does where the middle of a sole has no ground below it, or where the
+    ground is lower or higher than commanded by more than the lift of a foot.
+    """
+
     up = (0.0, 0.0, 1.0)
 
     def __init__(
@@ -105,6 +129,7 @@ class KinematicBody:
     ) -> None:
         self._gait = Gait(gait)
         self._ground = ground
+        self.landing: Landing | None = None  # the latest one
         self._floor_m = 0.0 if ground is None else ground.under(start)
         self._inertial, self._head = inertial, head
         self._slip_config, self._sway_config = slip, sway
@@ -124,6 +149,13 @@ class KinematicBody:
         self._begin_step()
         self._before = self._trunk_state()  # at the last reading of the inertial sensor
         self._since_s = 0.0
+
+    @property
+    def fallen(self) -> bool:
+        if self.landing is None:
+            return False
+        off_m = abs(self.landing.rise_m - self.landing.expected_m)
+        return not self.landing.middle or off_m > self._gait.config.lift_m
 
     def walk(self, command: WalkCommand) -> None:
         self._command = command
@@ -271,6 +303,7 @@ class KinematicBody:
                 self._turn_bias + math.radians(config.turn_sigma_deg) * turn,
             ]
         )
+        self._rise_m = command.rise_m
         self._step: Step = self._gait.step(command, height_m=self._landing_m(command))
 
     def _landing_m(self, command: WalkCommand) -> float | None:
@@ -309,7 +342,19 @@ class KinematicBody:
         share = float(self._step.progress[self._tick - 1]) - done
         slip = Pose2(*(float(v) for v in self._slip * share))
         self.true_pose = self.true_pose @ (before.inverse() @ self.odometry_pose) @ slip
+        if self._ground is not None and self._step.swing and self._tick == self._step.ticks:
+            self.landing = self._landed(self._ground)
         return share
+
+    def _landed(self, ground: Ground) -> Landing:
+        """How the foot stands that has just landed."""
+        swing, path = self.true_swing
+        foot, _ = self.feet_body[0 if swing > 0 else 1]
+        carried, middle = ground.carried(self.true_pose @ foot)
+        left_m, right_m = self.foot_heights()
+        number = 1 if self.landing is None else self.landing.number + 1
+        rise_m = (left_m - right_m) * swing
+        return Landing(number, carried, middle, self._rise_m, rise_m, ground.struck(path))
 
     def _draw_sway(self) -> Sway:
         config = self._sway_config

@@ -23,6 +23,7 @@ from perception.primitives.errors import InputError
 from perception.primitives.frame import (
     ColourView,
     DepthView,
+    FeetReading,
     Frame,
     Imu,
     RangeView,
@@ -96,6 +97,7 @@ class EncodedFrame:
     T_world_camera: Pose3 | None = None
     footstep_due: bool = False
     joints: JointReading | None = None
+    feet: FeetReading | None = None
 
 
 def encode(frame: Frame) -> EncodedFrame:
@@ -122,6 +124,7 @@ def encode(frame: Frame) -> EncodedFrame:
         frame.T_world_camera,
         frame.footstep_due,
         frame.joints,
+        frame.feet,
     )
 
 
@@ -156,6 +159,7 @@ def decode(encoded: EncodedFrame) -> Frame:
         T_world_camera=encoded.T_world_camera,
         footstep_due=encoded.footstep_due,
         joints=encoded.joints,
+        feet=encoded.feet,
     )
     fault = fault_of(frame)
     if fault is not None:
@@ -257,6 +261,9 @@ def fault_of(frame: Frame) -> str | None:
             return f"imu has {len(values['imu'])} numbers; 6 were expected"
     if frame.stereo is not None:
         values["baseline"] = (frame.stereo.baseline_m, 1.0 / frame.stereo.baseline_m)
+    if frame.feet is not None:
+        feet = frame.feet
+        values["feet"] = (*feet.left.vector, *feet.right.vector, feet.left_m, feet.right_m)
     poses = {"T_world_camera": frame.T_world_camera}
     if frame.joints is not None:
         values["joints"] = frame.joints.angles

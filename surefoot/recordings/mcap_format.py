@@ -152,15 +152,19 @@ class McapRecording:
                 closing = safe_input.json(message.data)
                 skips.check_stamp(closing["stamp_s"], may_go_back=True)
                 frame = decode(frame_from_messages(closing, group))
-                self._check_joints(frame)
+                self._check_body(frame)
             except (FrameError, *DAMAGE, *WRONG) as error:
                 reason = str(error) if isinstance(error, FrameError) else f"damaged ({error!r})"
                 skips.skip(f"frame {sequence}", reason)
                 continue
             yield frame
 
-    def _check_joints(self, frame: Frame) -> None:
-        """Raise a FrameError for other joints than the recording says the robot has."""
+    def _check_body(self, frame: Frame) -> None:
+        """Raise a FrameError for other joints than the recording says the robot has, or without feet on several levels."""
+        if self.info.levels and frame.feet is None:
+            raise FrameError(
+                "no feet; on ground of several levels every frame tells where they are"
+            )
         own = self.info.own_body
         if frame.joints is not None and own is not None:
             count, wanted = len(frame.joints.angles), len(own.tree.joints)

@@ -5,7 +5,7 @@ names the topics of the group and contains what Foxglove's schemas lack (exact s
 
 Topics: `/tof/range`, `/tof/amplitude`, `/depth/image` (RawImage 16UC1), `/colour/image`, `/stereo/left`,
 `/stereo/right` (CompressedImage), each camera's `calibration`, `/tf` (cameras on the body; the given pose
-in the world), `/odometry`, `/imu`, `/joints`, `/frame`, and once at the start `/recording`.
+in the world), `/odometry`, `/imu`, `/joints`, `/feet`, `/frame`, and once at the start `/recording`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 
 from perception.primitives import safe_input
 from perception.primitives.camera import Camera
-from perception.primitives.frame import Imu, StepOdometry
+from perception.primitives.frame import FeetReading, Imu, StepOdometry
 from perception.primitives.landmark import Landmark
 from perception.primitives.pose import Pose2, Pose3
 
@@ -36,7 +36,7 @@ from .recording import FrameError, RecordingInfo
 
 FRAME_TOPIC = "/frame"
 RECORDING_TOPIC = "/recording"
-FORMAT = 2  # increases when older readers cannot read the new files: 2 has joint angles
+FORMAT = 3  # increases when older readers cannot read the new files: 2 has joint angles, 3 the feet
 PROTOBUF_TOPICS: dict[str, type[Message]] = {
     "/tof/range": RawImage,
     "/tof/amplitude": RawImage,
@@ -52,6 +52,10 @@ PROTOBUF_TOPICS: dict[str, type[Message]] = {
 }
 _NUMBER = {"type": "number"}
 _XYZ = {"type": "array", "items": _NUMBER, "minItems": 3, "maxItems": 3}
+_FOOT = {
+    "type": "object",
+    "properties": dict.fromkeys(("x", "y", "z", "yaw"), _NUMBER) | {"lifted": {"type": "boolean"}},
+}
 JSON_TOPICS: dict[str, dict[str, object]] = {
     "/odometry": {
         "title": "surefoot.StepOdometry",
@@ -74,6 +78,12 @@ JSON_TOPICS: dict[str, dict[str, object]] = {
             "translation": _XYZ,
             "quat_xyzw": {"type": "array", "items": _NUMBER, "minItems": 4, "maxItems": 4},
         },
+    },
+    "/feet": {
+        "title": "surefoot.FeetReading",
+        "type": "object",
+        "description": "Soles by the encoders, body frame: x, y, height in m, yaw in rad, and whether the foot is in the air.",
+        "properties": {"left": _FOOT, "right": _FOOT},
     },
     FRAME_TOPIC: {
         "title": "surefoot.Frame",
@@ -138,6 +148,8 @@ def frame_messages(encoded: EncodedFrame) -> Iterator[tuple[str, Message | dict[
         group.append(("/imu", {k: v.tolist() for k, v in vars(encoded.imu).items()}))
     if encoded.joints is not None:
         group.append(("/joints", joints_to_json(encoded.joints)))
+    if encoded.feet is not None:
+        group.append(("/feet", _feet_to_json(encoded.feet)))
     closing["topics"] = [topic for topic, _ in group]
     yield from group
     yield FRAME_TOPIC, closing
@@ -174,13 +186,14 @@ def frame_from_messages(closing: Mapping[str, Any], data: Mapping[str, bytes]) -
         T_world_camera=next((T for (parent, _), T in poses.items() if parent == _WORLD), None),
         footstep_due=closing["footstep_due"],
         joints=joints_from_json(parts.get("/joints")),
+        feet=_feet(parts.get("/feet")),
     )
 
 
 def info_to_json(info: RecordingInfo) -> dict[str, Any]:
     """Content of the `/recording` message."""
     return {
-        "format": 1 if info.own_body is None else FORMAT,
+        "format": FORMAT,
         "name": info.name,
         "scene": info.scene,
         "poses_given": info.poses_given,
@@ -190,6 +203,7 @@ def info_to_json(info: RecordingInfo) -> dict[str, Any]:
         "gravity_up_world": info.gravity_up_world,
         "floor_height_world_m": info.floor_height_world_m,
         "calibrated": info.calibrated,
+        "levels": info.levels,
     } | ({} if info.own_body is None else {"own_body": own_body_to_json(info.own_body)})
 
 
@@ -212,6 +226,7 @@ def info_from_json(values: Mapping[str, Any], frames: int | None) -> RecordingIn
         floor_height_world_m=values["floor_height_world_m"],
         calibrated=values.get("calibrated", True),  # without the key: the simulated robot's
         own_body=own_body_from_json(values["own_body"]) if "own_body" in values else None,
+        levels=bool(values.get("levels", False)),
     )
 
 
@@ -331,6 +346,33 @@ def _imu(values: Mapping[str, list[float]] | None) -> Imu | None:
     if values is None:
         return None
     return Imu(np.array(values["angular_velocity"]), np.array(values["specific_force"]))
+
+
+def _feet_to_json(feet: FeetReading) -> dict[str, dict[str, float | bool]]:
+    pairs = zip((feet.left, feet.right), (feet.left_m, feet.right_m), feet.lifted, strict=True)
+    return {
+        side: {
+            "x": float(pose.x),
+            "y": float(pose.y),
+            "z": float(height_m),
+            "yaw": float(pose.yaw),
+            "lifted": bool(lifted),
+        }
+        for side, (pose, height_m, lifted) in zip(("left", "right"), pairs, strict=True)
+    }
+
+
+def _feet(values: Mapping[str, Mapping[str, Any]] | None) -> FeetReading | None:
+    if values is None:
+        return None
+    left, right = values["left"], values["right"]
+    return FeetReading(
+        Pose2(left["x"], left["y"], left["yaw"]),
+        Pose2(right["x"], right["y"], right["yaw"]),
+        left["z"],
+        right["z"],
+        (left["lifted"], right["lifted"]),
+    )
 
 
 def _list(array: np.ndarray | None) -> list[Any] | None:

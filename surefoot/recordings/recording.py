@@ -37,6 +37,7 @@ class RecordingInfo:
         floor_height_world_m: Height of the floor along `gravity_up_world`, m; None if unknown.
         calibrated: Whether depth hardly bends: rendered, or by cameras whose bend was calibrated.
         own_body: What the cameras may see of the robot itself; None if that is not known.
+        levels: Whether the ground has several levels, over which a robot walks that tells where its feet are.
     """
 
     name: str
@@ -51,6 +52,7 @@ class RecordingInfo:
     floor_height_world_m: float | None = None
     calibrated: bool = False
     own_body: OwnBody | None = None
+    levels: bool = False
 
 
 class SkippedFrame(NamedTuple):

@@ -28,7 +28,7 @@ from ..results.moment import Moment
 from ..results.moments import held, read_moments
 from ..results.run_folder import RunFolder
 from ..results.version import version
-from .film_map import INK, PAPER, Ground, draw_intention, draw_robot, draw_tracks
+from .film_map import INK, PAPER, Ground, draw_intention, draw_robot, draw_surfaces, draw_tracks
 
 FILM = "film.webp"
 FRAMES = 90  # ours: at 8 a second a loop of 11 s
@@ -105,23 +105,31 @@ def _frames(
     chosen = set(np.unique(np.linspace(0, len(moments) - 1, FRAMES).round().astype(int)).tolist())
     path: list[np.ndarray] = []
     frames = []
+    heights = [z for one in moments for s in one.surfaces or () for z in s.corners[:, 2].tolist()]
+    span_m = (min(heights, default=0.0), max(heights, default=0.0))
     for number, moment in enumerate(moments):
         assert moment.pose is not None
         path.append(moment.pose.mean[:2])
         if moment.grid is not None:
             ground.add(moment.grid)
         if number in chosen:
-            frames.append(_frame(moment, ground, np.array(path), robot, start_s))
+            frames.append(_frame(moment, ground, np.array(path), robot, start_s, span_m))
     height = max(len(one) for one in frames)
     return [_padded(one, height) for one in frames]
 
 
 def _frame(
-    moment: Moment, ground: Ground, path: np.ndarray, robot: RobotModel | None, start_s: float
+    moment: Moment,
+    ground: Ground,
+    path: np.ndarray,
+    robot: RobotModel | None,
+    start_s: float,
+    span_m: tuple[float, float],
 ) -> UInt8[np.ndarray, "h w 3"]:
     """One picture: camera over depth, the map beside them, and a line of text below."""
     left = _left(moment)
     world = ground.picture()
+    draw_surfaces(world, ground, moment, span_m)
     draw_intention(world, ground, moment, robot)
     draw_tracks(world, ground, moment)
     draw_robot(world, ground, moment, path, robot)

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from mapping.ground.surface import Border
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import MOVING
 from perception.primitives.robot_model import RobotModel
@@ -74,6 +75,7 @@ def _extent(moments: Sequence[Moment]) -> tuple[np.ndarray, np.ndarray]:
     points += [one.route for one in moments] + [
         one.goal[None] for one in moments if one.goal is not None
     ]
+    points += [one.corners[:, :2] for each in moments for one in each.surfaces or ()]
     near = np.concatenate(points)
     low, high = near.min(axis=0) - MARGIN_M, near.max(axis=0) + MARGIN_M
     for grid in (one.grid for one in moments[:: max(1, len(moments) // 30)]):
@@ -82,6 +84,29 @@ def _extent(moments: Sequence[Moment]) -> tuple[np.ndarray, np.ndarray]:
             cells = grid.origin + np.stack([column, row], axis=1) * grid.cell_m
             low, high = np.minimum(low, cells.min(axis=0)), np.maximum(high, cells.max(axis=0))
     return low, high
+
+
+def draw_surfaces(
+    picture: np.ndarray, ground: Ground, moment: Moment, span_m: tuple[float, float]
+) -> None:
+    """Surfaces of ground with several levels, the higher the brighter; red sides drop, black ones rise."""
+    surfaces = sorted(moment.surfaces or (), key=lambda one: float(one.corners[:, 2].max()))
+    low, high = span_m
+    for one in surfaces:
+        level = (float(one.corners[:, 2].mean()) - low) / max(high - low, 0.02)
+        shade = np.array([[round(255 * min(max(0.15 + 0.75 * level, 0.0), 1.0))]], np.uint8)
+        tint = cv2.applyColorMap(shade, cv2.COLORMAP_VIRIDIS)[0, 0]
+        ring = ground.pixels(one.corners[:, :2])
+        cv2.fillPoly(
+            picture,
+            [ring],
+            np.rint(0.55 * tint + 0.45 * np.array(PAPER)).tolist(),
+            cv2.LINE_AA,
+            FINE,
+        )
+        for a, b, border in zip(ring, np.roll(ring, -1, axis=0), one.borders.tolist(), strict=True):
+            colour, wide = {Border.DROP: (RED, 2), Border.RISE: (INK, 2)}.get(border, (MUTED, 1))
+            cv2.line(picture, a.tolist(), b.tolist(), colour, wide, cv2.LINE_AA, FINE)
 
 
 def draw_intention(

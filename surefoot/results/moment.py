@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float, Float32, Int, UInt8
 
 from mapping.objects.footprints import Footprint
 from perception.primitives.camera import Camera
@@ -78,10 +78,23 @@ class Prediction:
 
 
 @dataclass(frozen=True, eq=False)
+class SurfaceSeen:
+    """A surface of the ground on which a foot may stand.
+
+    Args:
+        corners: Of its outline, world frame; heights count from the ground of the start.
+        borders: What is beyond the side from each corner to the next, values of `mapping.ground.surface.Border`.
+    """
+
+    corners: Float[np.ndarray, "n 3"]
+    borders: Int[np.ndarray, "n"]
+
+
+@dataclass(frozen=True, eq=False)
 class Moment:
     """One moment of a run; world frame, m, rad, s.
 
-    A field is None or empty where the run does not know it, or where this moment brings nothing new: pictures, grid
+    A field is None or empty where the run does not know it, or where this moment brings nothing new: pictures, grid, surfaces
     and footprints come at their own pace, the plan (steps to risk) with each decision, which has a `why`. Then the
     last one holds; `held` fills it in.
 
@@ -92,7 +105,7 @@ class Moment:
         lenses: Intrinsics of the same sensors.
         head: Pan and tilt by the encoders, left and down positive.
         feet: Left and right: x, y, yaw, and 1 if lifted, else 0.
-        steps: Next planned poses of the body, x, y, yaw, one a step.
+        steps: Next planned poses of the body, x, y, yaw, one a step; on several levels of the feet.
         route: Way points from the robot to the goal.
         goal: The present goal.
         gaze: Commanded pan and tilt.
@@ -111,6 +124,9 @@ class Moment:
         depth: Depth along the axis, in steps of `depth_step_m`; 0: none. At most 320 px wide.
         depth_step_m: Unit of `depth`.
         depth_sensor: Sensor of `depth`.
+        heights_m: Of the body frame, the left and the right sole above the ground of the start; None on one floor.
+        height_sigma_m: Standard deviation of the first; None on one floor.
+        surfaces: Of ground with several levels; None on one floor.
     """
 
     stamp_s: float
@@ -138,3 +154,6 @@ class Moment:
     depth: UInt8[np.ndarray, "h w"] | None = None
     depth_step_m: float = 0.0
     depth_sensor: str = ""
+    heights_m: Float[np.ndarray, "3"] | None = None
+    height_sigma_m: float | None = None
+    surfaces: tuple[SurfaceSeen, ...] | None = None

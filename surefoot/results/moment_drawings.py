@@ -17,20 +17,23 @@ from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.timestamp_pb2 import Timestamp
 
+from mapping.ground.surface import Border
 from mapping.objects.footprints import Footprint
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import MOVING
 from perception.primitives.robot_model import RobotModel
 
 from ..foxglove import MAP, frame_id, timestamp
-from .moment import DRAWN, Moment
+from .moment import DRAWN, Moment, SurfaceSeen
 
 ROBOT, TRACKS, ROUTE, STEPS = "/estimate/robot", "/estimate/tracks", "/plan/route", "/plan/steps"
 FLOOR, STATIC = "/estimate/floor", "/estimate/footprints_drawn"
+SURFACES = "/estimate/surfaces"
 THIN_M, FOOT_M = 0.01, 0.02  # heights of what lies on the floor, and of a foot
 FLOOR_M = 1.0  # side of the square that shows the floor
 BLUE, GREY, GREEN = (0.20, 0.45, 0.85), (0.5, 0.5, 0.5), (0.2, 0.65, 0.3)
 RED, ORANGE = (0.85, 0.25, 0.2), (0.95, 0.6, 0.1)
+BORDERS = {Border.UNSEEN: GREY, Border.DROP: RED, Border.RISE: (0.1, 0.1, 0.1)}
 
 
 def drawings(
@@ -48,6 +51,8 @@ def drawings(
         yield ROBOT, _robot(moment, moment.pose, robot, stamp)
     if any(name in moment.cameras for name in moment.floor):
         yield FLOOR, _floors(moment, stamp)
+    if moment.surfaces is not None:
+        yield SURFACES, _surfaces(moment.surfaces, stamp)
     if moment.tracks or drawn:
         yield TRACKS, _tracks(moment, drawn, stamp)
     if moment.why:
@@ -71,15 +76,18 @@ def _robot(
     update = SceneUpdate()
     entity = _entity(update, "robot", stamp)
     x, y, yaw = pose.mean.tolist()
-    _ellipse(entity, pose.marginal(0, 1), THIN_M, (*BLUE, 0.5))
+    body_m, *soles_m = [0.0] * 3 if moment.heights_m is None else moment.heights_m.tolist()
+    _ellipse(entity, pose.marginal(0, 1), body_m + THIN_M, (*BLUE, 0.5))
     if robot is None:
         return update
     cube = entity.cubes.add(color=_colour(BLUE, 0.35))
-    cube.pose.CopyFrom(_pose(x, y, robot.height_m / 2, yaw))
+    cube.pose.CopyFrom(_pose(x, y, body_m + robot.height_m / 2, yaw))
     cube.size.x, cube.size.y, cube.size.z = robot.depth_m, robot.width_m, robot.height_m
-    for foot_x, foot_y, foot_yaw, lifted in [] if moment.feet is None else moment.feet.tolist():
+    feet = [] if moment.feet is None else moment.feet.tolist()
+    for (foot_x, foot_y, foot_yaw, lifted), sole_m in zip(feet, soles_m, strict=False):
         cube = entity.cubes.add(color=_colour(BLUE, 0.4 if lifted else 0.95))
-        cube.pose.CopyFrom(_pose(foot_x, foot_y, FOOT_M / 2 + FOOT_M * lifted, foot_yaw))
+        raised_m = FOOT_M * lifted if moment.heights_m is None else 0.0
+        cube.pose.CopyFrom(_pose(foot_x, foot_y, sole_m + FOOT_M / 2 + raised_m, foot_yaw))
         cube.size.x, cube.size.y, cube.size.z = *robot.foot_m, FOOT_M
     return update
 
@@ -100,6 +108,23 @@ def _floors(moment: Moment, stamp: Timestamp) -> SceneUpdate:
         turn.x, turn.y, turn.w = (-ny / length, nx / length, length / 2) if length else (1.0, 0, 0)
         square.size.x = square.size.y = FLOOR_M
         square.size.z = 2.0 * 1.96 * math.sqrt(floor.covariance[2, 2])
+    return update
+
+
+def _surfaces(surfaces: Sequence[SurfaceSeen], stamp: Timestamp) -> SceneUpdate:
+    """The outline of every surface: red where it drops, black where something rises, grey where nothing was seen beyond."""
+    update = SceneUpdate()
+    entity = _entity(update, "surfaces", stamp)
+    for one in surfaces:
+        after = np.roll(one.corners, -1, axis=0)
+        for a, b, border in zip(one.corners, after, one.borders, strict=True):
+            line = entity.lines.add(
+                thickness=0.015, color=_colour(BORDERS[Border(int(border))], 1.0)
+            )
+            line.type = LinePrimitive.LINE_STRIP
+            line.pose.orientation.w = 1.0
+            for x, y, z in (a.tolist(), b.tolist()):
+                line.points.add(x=x, y=y, z=z + THIN_M)
     return update
 
 

@@ -22,6 +22,7 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 
+from mapping.ground.surface import Border
 from mapping.objects.footprints import Footprint
 from perception.primitives import safe_input
 from perception.primitives.camera import Camera
@@ -32,7 +33,7 @@ from planning.gaze.selection import DirectionMap
 
 from ..foxglove import BODY, MAP, calibration, frame_id, timestamp, transform
 from .footprint_entries import footprint_entry, footprint_of
-from .moment import FloorSeen, Layers, Moment, Prediction
+from .moment import FloorSeen, Layers, Moment, Prediction, SurfaceSeen
 
 MOMENT, FOOTPRINTS = "/estimate/moment", "/estimate/footprints"
 GRID, COLOUR, DEPTH, GAZE = "/estimate/grid", "/estimate/colour", "/estimate/depth", "/plan/gaze"
@@ -112,6 +113,8 @@ def moment_from_messages(data: Mapping[str, bytes]) -> Moment:
         lenses={name: _camera(*one) for name, one in values["lenses"].items()},
         head=_pair(values["head"]),
         feet=_array(values["feet"]),
+        heights_m=_array(values.get("heights_m")),
+        height_sigma_m=values.get("height_sigma_m"),
         steps=np.array(values["steps"], np.float64).reshape(-1, 3),
         route=np.array(values["route"], np.float64).reshape(-1, 2),
         goal=_array(values["goal"]),
@@ -122,6 +125,7 @@ def moment_from_messages(data: Mapping[str, bytes]) -> Moment:
         risk=values["risk"],
         floor={name: _floor(one) for name, one in values["floor"].items()},
         grid=_layers(data.get(GRID)),
+        surfaces=_surfaces(values.get("surfaces")),
         tracks=tuple(_obstacle(one) for one in values["tracks"]),
         predictions=tuple(
             tuple(_prediction(one) for one in each["predictions"]) for each in values["tracks"]
@@ -158,6 +162,8 @@ def _numbers_of(moment: Moment) -> dict[str, Any]:
         "lenses": {name: _lens(one) for name, one in moment.lenses.items()},
         "head": _list(moment.head),
         "feet": _list(moment.feet),
+        "heights_m": _list(moment.heights_m),
+        "height_sigma_m": moment.height_sigma_m,
         "steps": _list(moment.steps),
         "route": _list(moment.route),
         "goal": _list(moment.goal),
@@ -176,6 +182,15 @@ def _numbers_of(moment: Moment) -> dict[str, Any]:
             }
             for name, one in moment.floor.items()
         },
+        "surfaces": None
+        if moment.surfaces is None
+        else [
+            {
+                "corners": _list(one.corners),
+                "borders": [Border(b).name.lower() for b in one.borders],
+            }
+            for one in moment.surfaces
+        ],
         "tracks": [_track(one, each) for one, each in zip(moment.tracks, predictions, strict=True)],
         "timing_ms": moment.timing_ms,
         "colour_sensor": moment.colour_sensor,
@@ -200,6 +215,18 @@ def _track(one: Obstacle, predictions: Sequence[Prediction]) -> dict[str, Any]:
             for each in predictions
         ],
     }
+
+
+def _surfaces(values: Sequence[Mapping[str, Any]] | None) -> tuple[SurfaceSeen, ...] | None:
+    if values is None:
+        return None
+    return tuple(
+        SurfaceSeen(
+            np.array(one["corners"], np.float64).reshape(-1, 3),
+            np.array([Border[name.upper()] for name in one["borders"]], int),
+        )
+        for one in values
+    )
 
 
 def _obstacle(one: Mapping[str, Any]) -> Obstacle:

@@ -151,6 +151,7 @@ def held(moments: Iterable[Moment]) -> Iterator[Moment]:
         if last is not None:
             names: tuple[str, ...] = () if moment.why else PLAN
             names += ("grid",) if moment.grid is None else ()
+            names += ("surfaces",) if moment.surfaces is None else ()
             names += ("colour", "colour_sensor") if moment.colour is None else ()
             names += ("depth", "depth_step_m", "depth_sensor") if moment.depth is None else ()
             moment = replace(moment, **{name: getattr(last, name) for name in names})

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from perception.primitives.frame import Frame
-from perception.primitives.pose import Pose2
 from planning.commands import GazeCommand, WalkCommand
 
 from ..recordings.codec import decode, encode
@@ -21,10 +20,6 @@ from ..recordings.recording import Recording
 if TYPE_CHECKING:
     from sim.faults.injection import FaultInjector
     from sim.robot import SimulatedRobot
-
-
-Feet = tuple[tuple[Pose2, bool], tuple[Pose2, bool]]
-"""Left and right foot in the body frame, each with whether it is lifted."""
 
 
 @runtime_checkable
@@ -41,10 +36,6 @@ class Body(Protocol):
 
     def look(self, gaze: GazeCommand) -> None:
         """Command the gaze."""
-        ...
-
-    def feet(self) -> Feet | None:
-        """Left and right foot at the last frame, by the joint encoders; None if unknown."""
         ...
 
 
@@ -103,10 +94,6 @@ class LiveBody:
         """Command the next footstep; it takes effect at the next double support."""
         self._robot.walk(command)
 
-    def feet(self) -> Feet | None:
-        """The feet of the robot."""
-        return self._robot.feet()
-
     def look(self, gaze: GazeCommand) -> None:
         """Command the gaze; the head turns at its maximum speed."""
         self._robot.look(gaze)
@@ -130,10 +117,6 @@ class Playback:
 
     def walk(self, command: WalkCommand) -> None:
         """Ignored: the recorded steps are fixed."""
-
-    def feet(self) -> Feet | None:
-        """None: recordings have no joint angles of the legs."""
-        return None
 
     def look(self, gaze: GazeCommand) -> None:
         """Ignored: the recorded gaze is fixed."""

@@ -27,6 +27,7 @@ from ..results.camera_trajectory import CameraTrajectory
 from ..results.formats import refuse
 from ..results.run_folder import RunFolder
 from ..results.version import version
+from .level_pipeline import LevelPipeline
 from .pipeline import Pipeline
 from .run_recorder import RunRecorder
 
@@ -44,12 +45,12 @@ class State:
     """What lives from frame to frame.
 
     Args:
-        pipeline: Pose source, tracks and maps.
+        pipeline: Pose source and maps.
         recorder: Tables of the run.
         camera: Trajectory of a freely moving camera.
     """
 
-    pipeline: Pipeline
+    pipeline: Pipeline | LevelPipeline
     recorder: RunRecorder
     camera: CameraTrajectory
 

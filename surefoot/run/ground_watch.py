@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from mapping.ground.ground_map import GroundMap
+from mapping.io import ground_file
 from perception.floor.choose import FloorConfig
 from perception.floor.segmented_view import SegmentedView
 from perception.primitives.frame import Frame
@@ -32,6 +34,12 @@ class GroundWatch:
         self._config, self._floor = config, floor
         self._sensor: str | None = None
         self._started = False
+
+    def entries(self) -> dict[str, Any] | None:
+        """Content of ground.json; None before the first image."""
+        if self.map is None or not self.images:
+            return None
+        return ground_file.entries(self.map.surfaces, self.body)
 
     def update(self, frame: Frame, views: Sequence[SegmentedView], pose: Pose2 | None) -> None:
         """Follow a frame.

@@ -16,7 +16,7 @@ from planning.planners.caution import Caution
 from planning.planners.planner import Decision, Planner
 from planning.world_model import WorldModel
 
-from .bodies import Body, Feet
+from .bodies import Body
 from .perception_source import PerceptionSource
 
 
@@ -28,14 +28,12 @@ class Cycle:
         frame: Sensor data.
         world: World model after this frame.
         decision: Commanded footstep and gaze; None between footsteps or without a planner.
-        feet: Of the body at this frame; None if unknown.
         busy_ms: Processor time of perception and decision, which others on the machine hardly change.
     """
 
     frame: Frame
     world: WorldModel
     decision: Decision | None = None
-    feet: Feet | None = None
     busy_ms: float = 0.0
 
 
@@ -57,7 +55,6 @@ def cycles(
     """
     caution = Caution(robot)
     while (frame := body.read()) is not None:
-        feet = body.feet()
         began_s = time.thread_time()
         world = perception.cycle(frame)
         decision, watch = None, Stopwatch()
@@ -71,6 +68,6 @@ def cycles(
         if decision is not None:
             body.walk(decision.walk)
             body.look(decision.gaze)
-        yield Cycle(frame, world, decision, feet, busy_ms)
+        yield Cycle(frame, world, decision, busy_ms)
         if planner is not None and planner.finished(world):
             break

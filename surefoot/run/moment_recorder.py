@@ -11,10 +11,11 @@ from jaxtyping import Float, Float32, UInt8
 
 from mapping.grid.confidence import ConfidenceLayer
 from mapping.grid.egocentric_grid import EgocentricGrid
+from mapping.ground.levels import Levels
 from mapping.objects.footprints import Footprint
 from perception.estimate import Estimate
 from perception.floor.segmented_view import SegmentedView
-from perception.primitives.frame import ColourView, Frame
+from perception.primitives.frame import ColourView, FeetReading, Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2, Pose3
@@ -23,12 +24,12 @@ from planning.planners.planner import Decision, Plan
 from planning.safety.guard_settings import GuardConfig
 from planning.safety.hypotheses import Ahead
 from planning.safety.prediction import MotionPatterns
+from planning.world_model import WorldModel
 
 from ..config.schema import Config
-from ..results.moment import UNKNOWN, FloorSeen, Layers, Moment, Prediction
+from ..results.moment import UNKNOWN, FloorSeen, Layers, Moment, Prediction, SurfaceSeen
 from ..results.moments import MomentWriter
 from ..results.run_folder import RunFolder
-from .bodies import Feet
 from .loop import Cycle
 
 # ours: a walk has its frames 0.2 s apart; of a recording at 30 Hz a viewer needs no more
@@ -60,22 +61,22 @@ class MomentRecorder:
         self._patterns.update([one.gone_straight() for one in cycle.world.tracks])
         if cycle.decision is None and stamp - self._last_s < EVERY_S:
             return None
-        pictured = self._picture_due(cycle.frame, cycle.world.estimate)
+        pictured = self._picture_due(cycle.frame, cycle.world)
         moment = moment_of(cycle, self._config, self._patterns, pictured)
         self._writer.write(moment)
         self._last_s = stamp
         return moment
 
-    def _picture_due(self, frame: Frame, estimate: Estimate) -> bool:
+    def _picture_due(self, frame: Frame, world: WorldModel) -> bool:
         """Whether this moment gets pictures; where a camera picture comes now and then, depth waits for it."""
         camera = frame.colour is not None or frame.stereo is not None
         self._has_camera |= camera
-        if not camera and not estimate.views:
+        if not camera and not world.views:
             return False
         wait_s = PICTURE_EVERY_S * (2.0 if self._has_camera and not camera else 1.0)
-        if estimate.stamp_s - self._pictured_s < wait_s:
+        if world.stamp_s - self._pictured_s < wait_s:
             return False
-        self._pictured_s = estimate.stamp_s
+        self._pictured_s = world.stamp_s
         return True
 
     def finish(self, footprints: tuple[Footprint, ...]) -> None:
@@ -94,9 +95,14 @@ def moment_of(cycle: Cycle, config: Config, patterns: MotionPatterns, pictured: 
     """
     world, estimate, decision = cycle.world, cycle.world.estimate, cycle.decision
     colour = estimate.colour
-    cameras, head = _cameras(estimate)
-    lenses = {view.sensor: view.depth.camera for view in estimate.views}
-    if colour is not None:
+    if world.levels is None:
+        cameras, head = _cameras(estimate)
+    else:
+        cameras, head = _cameras_above(cycle.frame, world.levels, estimate.pose)
+    lenses = {view.sensor: view.depth.camera for view in world.views}
+    if world.levels is not None:
+        lenses = {name: getattr(cycle.frame, name).camera for name in cameras}
+    elif colour is not None:
         lenses["colour"] = colour.camera
     predictions = [_predictions(one, world.stamp_s, config.guard, patterns) for one in world.tracks]
     return Moment(
@@ -105,7 +111,9 @@ def moment_of(cycle: Cycle, config: Config, patterns: MotionPatterns, pictured: 
         cameras=cameras,
         lenses={name: lens for name, lens in lenses.items() if name in cameras},
         head=head,
-        feet=_feet(cycle.feet, estimate.pose),
+        feet=_feet(cycle.frame.feet, estimate.pose),
+        heights_m=None if world.levels is None else _heights(world.levels, cycle.frame.feet),
+        height_sigma_m=None if world.levels is None else world.levels.body_m[1],
         floor={
             view.sensor: FloorSeen(
                 view.floor.normal,
@@ -116,12 +124,13 @@ def moment_of(cycle: Cycle, config: Config, patterns: MotionPatterns, pictured: 
             for view in estimate.views
         },
         grid=None if world.grid is None else _layers(world.grid, world.confidence),
+        surfaces=_surfaces(world.levels) if world.levels and cycle.frame.footstep_due else None,
         status=tuple(one.words for one in estimate.status),
         tracks=tuple(world.tracks),
         predictions=tuple(predictions),
         timing_ms={name: float(ms) for name, ms in estimate.timing_ms.items()},
         **({} if decision is None else _intention(decision, estimate.pose)),
-        **(_pictures(cycle.frame, estimate, config) if pictured else {}),
+        **(_pictures(cycle.frame, world, config) if pictured else {}),
     )
 
 
@@ -136,12 +145,31 @@ def _cameras(estimate: Estimate) -> tuple[dict[str, Pose3], tuple[float, float] 
         placed = _of_colour(colour, estimate.pose, first)
         if placed is not None:
             cameras["colour"] = placed
-    mount = next((one for one in mounts if one is not None), None)
+    return cameras, _head(next((one for one in mounts if one is not None), None))
+
+
+def _cameras_above(
+    frame: Frame, levels: Levels, pose: Gaussian | None
+) -> tuple[dict[str, Pose3], tuple[float, float] | None]:
+    """The same over several levels: by the joints, and of an image in the map by what it saw."""
+    seen = {name: getattr(frame, name) for name in ("tof", "depth", "colour")}
+    mounts = {name: one.T_body_camera for name, one in seen.items() if one is not None}
+    known = {name: mount for name, mount in mounts.items() if mount is not None}
+    if pose is None:
+        return {}, None
+    T_map_body = Pose3((0.0, 0.0, levels.body_m[0])) @ Pose2(*pose.mean.tolist()).lifted()
+    cameras = {name: T_map_body @ mount for name, mount in known.items()}
+    cameras |= {view.sensor: view.T_map_camera for view in levels.views}
+    return cameras, _head(next(iter(known.values()), None))
+
+
+def _head(mount: Pose3 | None) -> tuple[float, float] | None:
+    """Pan and tilt of a camera on the body."""
     if mount is None:
-        return cameras, None
+        return None
     axis = mount.rotation[:, 2]
     tilt = -math.asin(min(max(float(axis[2]), -1.0), 1.0))
-    return cameras, (math.atan2(axis[1], axis[0]), tilt)
+    return math.atan2(axis[1], axis[0]), tilt
 
 
 def _of_colour(
@@ -158,12 +186,31 @@ def _of_colour(
     return Pose2(*pose.mean.tolist()).lifted() @ colour.T_body_camera
 
 
-def _feet(feet: Feet | None, pose: Gaussian | None) -> Float[np.ndarray, "2 4"] | None:
+def _feet(feet: FeetReading | None, pose: Gaussian | None) -> Float[np.ndarray, "2 4"] | None:
     """Left and right foot in the world, where the pose of the body is estimated: x, y, yaw, 1 if lifted."""
     if feet is None or pose is None:
         return None
     body = Pose2(*pose.mean.tolist())
-    return np.array([[*(body @ foot).vector, float(lifted)] for foot, lifted in feet])
+    soles = zip((feet.left, feet.right), feet.lifted, strict=True)
+    return np.array([[*(body @ foot).vector, float(lifted)] for foot, lifted in soles])
+
+
+def _heights(levels: Levels, feet: FeetReading | None) -> Float[np.ndarray, "3"] | None:
+    """Heights of the body frame and the soles above the ground of the start."""
+    if feet is None:
+        return None
+    body_m, _ = levels.body_m
+    return np.array([body_m, body_m + feet.left_m, body_m + feet.right_m])
+
+
+def _surfaces(levels: Levels) -> tuple[SurfaceSeen, ...]:
+    """The surfaces in the world."""
+    found = []
+    for one in levels.surfaces:
+        z, _ = one.height_at(one.outline)
+        corners = np.column_stack([levels.stands.apply(one.outline), z + levels.ground_m])
+        found.append(SurfaceSeen(corners, one.borders))
+    return tuple(found)
 
 
 def _layers(grid: EgocentricGrid, confidence: ConfidenceLayer | None) -> Layers:
@@ -220,7 +267,7 @@ def _gaze_map(valued: DirectionMap) -> DirectionMap:
     return DirectionMap(values, valued.pans, valued.tilts)
 
 
-def _pictures(frame: Frame, estimate: Estimate, config: Config) -> dict[str, Any]:
+def _pictures(frame: Frame, world: WorldModel, config: Config) -> dict[str, Any]:
     """Fields of the pictures: of the colour camera or the left one of a pair, and the depth of the first view."""
     found: dict[str, Any] = {}
     if frame.colour is not None:
@@ -228,8 +275,8 @@ def _pictures(frame: Frame, estimate: Estimate, config: Config) -> dict[str, Any
     elif frame.stereo is not None:
         grey = cv2.cvtColor(frame.stereo.left, cv2.COLOR_GRAY2RGB)
         found["colour"], found["colour_sensor"] = colour_picture(np.asarray(grey)), "stereo"
-    if estimate.views:
-        view = estimate.views[0]
+    if world.views:
+        view = world.views[0]
         found |= depth_picture(view.depth.z, view.sensor, config)
     return found
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from perception.depth import points
 from perception.depth.health import DepthHealth
-from perception.depth.self_filter import blackened
 from perception.depth.sources import DepthSources
 from perception.estimate import Estimate
 from perception.floor import choose, classify
@@ -28,8 +28,6 @@ from perception.localisation.pose_source import PoseSource
 from perception.localisation.registration import RegistrationReport
 from perception.localisation.static_points import static_points
 from perception.monitoring.agreement import Bias, Surprise
-from perception.monitoring.clock import RunClock, ends
-from perception.monitoring.pictures import PictureWatch
 from perception.monitoring.status import SLOW, Doubt, StatusBoard
 from perception.monocular.colour_floor import ColourFloor, ColourFloorFinder, seen_by_any
 from perception.obstacles import clustering, colour_detection, legs
@@ -47,6 +45,7 @@ from planning.world_model import WorldModel
 
 from ..config.schema import Config
 from ..recordings.recording import RecordingInfo
+from .frame_watch import FrameWatch
 from .ground_watch import GroundWatch
 from .maps import RunMaps
 
@@ -61,7 +60,7 @@ class Pipeline:
 
     def __init__(self, config: Config, info: RecordingInfo) -> None:
         self.config = config
-        self.landmarks, self.own_body = info.landmarks, info.own_body
+        self.landmarks = info.landmarks
         self.depth_sources = DepthSources(
             config.tof, config.structured_light, config.stereo, config.depth_sources, info.own_body
         )
@@ -73,7 +72,8 @@ class Pipeline:
         self.health = DepthHealth(config.depth_health)
         flow = config.swarm.as_walked.prediction == "flow"
         self.colour_floor = ColourFloorFinder(config.monocular, flow)
-        self._clock, self._pictures = RunClock(), PictureWatch()
+        walks = isinstance(self.pose_source, LeggedLocaliser)
+        self._watch = FrameWatch(info.own_body, walks)
         self._floors, self._heights = Bias(2, FLOORS), Surprise(1, HEIGHTS)
         self._status = StatusBoard()
         self.ground = GroundWatch(config, self.floor_config)
@@ -82,7 +82,7 @@ class Pipeline:
         """Process one frame, from images to tracks and maps."""
         watch = Stopwatch()
         with watch.stage("watch"):
-            frame, doubts = self._watched(frame)
+            frame, doubts = self._watch.check(frame)
         with watch.stage("localise"):
             sightings = self._sightings(frame.colour)
             report = self.pose_source.update(frame, sightings)
@@ -143,17 +143,9 @@ class Pipeline:
         maps = self.maps
         return WorldModel(estimate, maps.grid, maps.confidence, maps.world, self.landmarks)
 
-    def _watched(self, frame: Frame) -> tuple[Frame, list[Doubt]]:
-        """The frame by the clock of the run, with the pictures that can be used, and what is wrong with it."""
-        stamp_s = self._clock.read(frame.stamp_s, ends(frame))
-        frame, doubts = self._pictures.check(replace(frame, stamp_s=stamp_s))
-        if frame.colour is not None and self.own_body is not None:
-            frame = replace(frame, colour=blackened(frame.colour, self.own_body, frame.joints))
-        if self._clock.set_back:
-            doubts.append(Doubt("clock set back"))
-        if self._clock.missing_s > 0.0 and isinstance(self.pose_source, LeggedLocaliser):
-            doubts.append(Doubt("gap in stamps", SLOW))
-        return frame, doubts
+    def ground_entries(self) -> dict[str, Any] | None:
+        """Content of ground.json; None where no map of surfaces is kept."""
+        return self.ground.entries()
 
     def _sightings(self, colour: ColourView | None) -> list[Sighting]:
         """The landmarks of a picture; none while the camera points elsewhere than the joints say."""

@@ -21,8 +21,8 @@ from . import checkpoint
 from .bodies import Playback
 from .checkpoint import State
 from .interrupt import stop_requested
+from .level_pipeline import make_pipeline
 from .loop import cycles
-from .pipeline import Pipeline
 from .process_log import process_log
 from .run_recorder import RunRecorder
 from .summary import Say, Summary, _count, _reasons
@@ -62,7 +62,7 @@ def process(
     if found is None:
         folder = RunFolder.create(out, name=recording.info.name, reads=path)
         recorder = RunRecorder(folder, config, recording.info, (), str(path))
-        state = State(Pipeline(config, recording.info), recorder, CameraTrajectory())
+        state = State(make_pipeline(config, recording.info), recorder, CameraTrajectory())
     else:
         folder, state = found
         say(f"resuming after frame {state.recorder.frames}")

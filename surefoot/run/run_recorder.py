@@ -18,7 +18,6 @@ from mapping.io import clouds, grid_file, ground_file, nav2, world_file
 from perception.estimate import Estimate
 from perception.filtering.consistency import Innovation
 from perception.floor.segmented_view import SegmentedView
-from perception.primitives.frame import Frame
 from perception.primitives.obstacle import Obstacle
 from planning.planners.planner import Decision, Planner
 from planning.world_model import WorldModel
@@ -27,6 +26,7 @@ from ..config import toml
 from ..config.schema import Config
 from ..recordings.recording import RecordingInfo
 from ..results.footprint_entries import footprint_entry
+from ..results.level_log import LevelLog
 from ..results.measurement_log import (
     ODOMETRY,
     ODOMETRY_HEADER,
@@ -42,7 +42,9 @@ from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 from ..results.status_log import StatusLog
 from ..results.timing_log import TimingLog
 from ..results.version import commit, version
+from .level_pipeline import LevelPipeline
 from .loop import Cycle
+from .maps import RunMaps
 from .moment_recorder import MomentRecorder
 from .pipeline import Pipeline
 
@@ -89,6 +91,7 @@ class RunRecorder:
         self._status = StatusLog(folder)
         self._timing = TimingLog(folder)
         self._tracks = JsonStream(folder, "obstacles.json")
+        self._levels = LevelLog(folder) if info.levels else None
         self._moments = MomentRecorder(folder, config, info.start is not None)
         folder.write_text("config.toml", toml.dumps(config))
 
@@ -111,6 +114,9 @@ class RunRecorder:
             self._sightings.append(row)
         if estimate.pose is not None:
             self._poses.append(estimate_row(stamp, estimate.pose))
+        if self._levels is not None and cycle.world.levels is not None:
+            assert estimate.pose is not None
+            self._levels.note(stamp, cycle.world.levels, estimate.pose, decision)
         for view in estimate.views:
             self._floors.append(_floor_row(stamp, view))
         self._floor_seen += any(view.seen is not None for view in estimate.views)
@@ -131,7 +137,7 @@ class RunRecorder:
             self._commands.append(
                 (stamp, *step, *head, decision.why, np.nan if risk is None else risk)
             )
-        self._keep_views(frame, estimate, decision)
+        self._keep_views(cycle)
         return self._moments.note(cycle)
 
     def keep_picture(self, stamp_s: float, name: str, png: bytes) -> None:
@@ -159,7 +165,8 @@ class RunRecorder:
 
     def notes(self) -> tuple[str, ...]:
         """Notes for the user on how the recording was used."""
-        notes = [f"floor seen in {self._floor_seen} of {self.frames} frames", *self.status_notes()]
+        seen = f"floor seen in {self._floor_seen} of {self.frames} frames"
+        notes = [*([] if self._info.levels else [seen]), *self.status_notes()]
         if not self._poses.rows:
             notes.append(
                 "the recording has neither poses nor footsteps: frames are processed independently, "
@@ -171,28 +178,17 @@ class RunRecorder:
         """What the run doubted, and when."""
         return self._status.notes()
 
-    def finish(self, pipeline: Pipeline, summary: dict[str, Any], report: bool = True) -> None:
+    def finish(
+        self, pipeline: Pipeline | LevelPipeline, summary: dict[str, Any], report: bool = True
+    ) -> None:
         """Write maps, summary and, if asked for, the report and the tables, and close all files."""
         folder = self._folder
         self._close_tables(pipeline)
-        maps = pipeline.maps
-        world = maps.world
-        nav2.save(folder.root, "map", world.probability, world.known, world.origin, world.cell_m)
-        world_file.save(folder.root, world)
-        divided = rooms_of(world)
-        if divided.rooms:
-            folder.write_json(ROOMS, room_entries(divided))
-        if maps.grid is not None:
-            grid_file.save(folder.path("terrain.npz"), maps.grid, maps.confidence)
-        ground = pipeline.ground
-        if ground.map is not None and ground.images:
-            folder.write_json(
-                ground_file.NAME, ground_file.entries(ground.map.surfaces, ground.body)
-            )
-        points, colours = maps.cloud.cloud()
-        if len(points):
-            attributes = {"sightings": maps.cloud.sightings}
-            clouds.save_ply(folder.path("cloud.ply"), points, colours, attributes)
+        if pipeline.maps is not None:
+            self._write_maps(pipeline.maps)
+        ground = pipeline.ground_entries()
+        if ground is not None:
+            folder.write_json(ground_file.NAME, ground)
         folder.write_json("views.json", self._views)
         folder.write_json(
             "summary.json",
@@ -224,6 +220,21 @@ class RunRecorder:
             write_report(folder)
             write_run_tables(folder)
 
+    def _write_maps(self, maps: RunMaps) -> None:
+        """Write the maps of one floor, and the point cloud."""
+        folder, world = self._folder, maps.world
+        nav2.save(folder.root, "map", world.probability, world.known, world.origin, world.cell_m)
+        world_file.save(folder.root, world)
+        divided = rooms_of(world)
+        if divided.rooms:
+            folder.write_json(ROOMS, room_entries(divided))
+        if maps.grid is not None:
+            grid_file.save(folder.path("terrain.npz"), maps.grid, maps.confidence)
+        points, colours = maps.cloud.cloud()
+        if len(points):
+            attributes = {"sightings": maps.cloud.sightings}
+            clouds.save_ply(folder.path("cloud.ply"), points, colours, attributes)
+
     def _command(self) -> str:
         """The command that repeats this run."""
         config = self._folder.path("config.toml")
@@ -231,8 +242,10 @@ class RunRecorder:
             return f"surefoot process {self._recording} --config {config}"
         return f"surefoot simulate --config {config}"
 
-    def _close_tables(self, pipeline: Pipeline) -> None:
+    def _close_tables(self, pipeline: Pipeline | LevelPipeline) -> None:
         """Close all tables."""
+        if self._levels is not None:
+            self._levels.close()
         for table in (self._floors, self._odometry, self._sightings, self._innovations):
             table.close()
         self._commands.close(keep_empty=False)
@@ -240,15 +253,16 @@ class RunRecorder:
         self._poses.close(keep_empty=False)
         if self._poses.rows and not self._folder.has("trajectory.txt"):  # that of a camera in space
             self._folder.write_planar_trajectory()
-        footprints = pipeline.maps.footprints()
+        footprints = [] if pipeline.maps is None else pipeline.maps.footprints()
         self._tracks.close_into(
             "tracks", {"footprints": [footprint_entry(one) for one in footprints]}
         )
         self._moments.finish(tuple(footprints))
         self._timing.close()
 
-    def _keep_views(self, frame: Frame, estimate: Estimate, decision: Decision | None) -> None:
+    def _keep_views(self, cycle: Cycle) -> None:
         """Every few seconds, store the camera images and the stages of a decision by colour as small pictures."""
+        frame, estimate, decision = cycle.frame, cycle.world.estimate, cycle.decision
         due = not self._views or estimate.stamp_s - self._views[-1]["stamp"] >= VIEW_EVERY_S
         if not due or len(self._views) >= MAX_VIEWS:
             return
@@ -256,7 +270,7 @@ class RunRecorder:
         if frame.colour is not None:
             colour = cv2.cvtColor(frame.colour.rgb, cv2.COLOR_RGB2BGR)
             pictures.append(("colour", colour, VIEW_WIDTH_PX))
-        for view in estimate.views:
+        for view in cycle.world.views:
             pictures.append((view.sensor, _depth_picture(view.depth.z), VIEW_WIDTH_PX))
         drawn = _stages(estimate, decision)
         if decision is not None and drawn is not None:

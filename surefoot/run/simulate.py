@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from perception.primitives.errors import InputError
-from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2, wrap_angle
 from planning.planners.factory import make
 from planning.planners.mission import ON_LEVELS
@@ -26,8 +24,8 @@ from ..results.run_folder import RunFolder
 from . import level_walk
 from .bodies import LiveBody
 from .interrupt import stop_requested
+from .level_pipeline import make_pipeline
 from .loop import Cycle, cycles
-from .pipeline import Pipeline
 from .run_recorder import RunRecorder
 from .summary import Say, Summary
 
@@ -107,33 +105,25 @@ def simulate(
     from sim.world import World
 
     from ..results.ground_truth_log import TruthLog
+    from ..results.level_truth import LevelTruth
 
     config.robot.require()
     scene = catalogue.load(
         config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
     )
     config = level_walk.planned(config, scene)
-    on_levels = config.mission.planner == ON_LEVELS
-    if on_levels and (record or page is not None):
-        raise InputError(
-            f"planner {ON_LEVELS!r}: a recording or a live page would lack the joints of the feet and the levels; leave "
-            "out --record and --view"
-        )
     goals = () if config.mission.wander else scene.goals[: config.mission.goals]
     folder = RunFolder.create(out, name=f"{scene.name}-{config.seed}")
     placed = replace(scene, start=true_start(scene, config))
-    if on_levels:
-        start = Gaussian(scene.start.vector, start_covariance(config.robot))
-        return level_walk.walk(config, scene, placed, start, folder, say, report)
     with contextlib.ExitStack() as stack:
         world = stack.enter_context(World(placed, config.renderer, config.seed))
         begin = stack.enter_context(_recorder(folder, record))
         robot = stack.enter_context(SimulatedRobot(world, config.robot, config.seed))
         info = known_beforehand(scene, robot, config)
-        truth = TruthLog(robot, scene, folder)
+        truth = (LevelTruth if info.levels else TruthLog)(robot, scene, folder)
         faults = FaultInjector(config.faults, config.seed)
         body = LiveBody(robot, begin(info), faults, lambda: truth.note(world.stamp_s))
-        pipeline = Pipeline(config, info)
+        pipeline = make_pipeline(config, info)
         planner = make_planner(config, goals)
         recorder = RunRecorder(folder, config.resolved(renderer=world.renderer), info, goals)
         if page is not None:
@@ -181,6 +171,7 @@ def known_beforehand(scene: Scene, robot: SimulatedRobot, config: Config) -> Rec
         gravity_up_world=robot.up,
         calibrated=True,
         own_body=robot.own_body,
+        levels=config.mission.planner == ON_LEVELS,
     )
 
 

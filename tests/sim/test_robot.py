@@ -302,10 +302,9 @@ def test_the_feet_by_the_encoders_are_where_the_true_feet_are(room, body, within
     with World(room, "tiny") as world, SimulatedRobot(world, replace(EXACT, body=body), 0) as robot:
         for _ in range(6):
             robot.walk(WalkCommand(0.03))
-            robot.read()
-            for (foot, up), (true, height_m) in zip(
-                robot.feet(), robot.body.feet_body, strict=True
-            ):
+            feet = robot.read().feet
+            found = zip((feet.left, feet.right), feet.lifted, strict=True)
+            for (foot, up), (true, height_m) in zip(found, robot.body.feet_body, strict=True):
                 assert math.hypot(foot.x - true.x, foot.y - true.y) <= within_m
                 assert abs(wrap_angle(foot.yaw - true.yaw)) <= 0.01 + within_m
                 lifted += up

@@ -41,7 +41,7 @@ def level_metrics(run: RunFolder) -> dict[str, float]:
         "footsteps": float(len(carried)),
         "feet_on_edges": float(np.sum(carried < CARRIED)),
         "feet_struck": float(np.sum(landings.numbers("struck_m") > STRUCK_M)),
-        "edges_claimed": float(np.sum(steps.numbers("missed"))),
+        "edges_claimed": float(np.nansum(steps.numbers("missed"))),
     }
     pieces = run.read_json("truth/ground.json")
     true = run.read_trajectory("truth/trajectory.txt")

@@ -27,6 +27,7 @@ from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import RobotModel
 from planning.footholds.foothold import FootNoise, chances
 from planning.footholds.search import SLOPE, Stance, plan
+from planning.planners.foothold_planner import FootholdPlanner
 from sim.robot import SimulatedRobot
 from sim.robot_config import RobotConfig
 from sim.scenes import stairs
@@ -35,9 +36,12 @@ from sim.world import World
 
 from ...config.presets import fitted
 from ...config.schema import Config
-from ...run.ground_walk import FeetReading, GroundWalker
+from ...run.bodies import LiveBody
+from ...run.level_pipeline import LevelPipeline
+from ...run.loop import cycles
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_trials
+from .stairs_walk import from_its_start
 
 FIRST_SEED, MODEL = 2000, "g1"
 BINS = (0.0, 0.01, 0.05, 0.2, 0.5, 1.0)
@@ -195,24 +199,22 @@ def _mapped(seed: int) -> tuple[list[tuple[float, bool]], list[float]]:
     times = []
     with World(scene, seed=seed) as world, SimulatedRobot(world, robot_config, seed) as robot:
         goal = scene.start.inverse().apply(np.array(scene.goals[0]))
-        walker = GroundWalker(config, robot.own_body, goal)
+        pipeline = LevelPipeline(config, from_its_start(robot))
+        planner = FootholdPlanner(config.planning, [(float(goal[0]), float(goal[1]))])
         number = 0
-        while number <= LOOKED[-1]:
-            decision = walker.cycle(robot.read(), FeetReading(robot.feet(), robot.foot_heights()))
-            if decision is None:
+        for cycle in cycles(LiveBody(robot), pipeline, planner, config.robot_model):
+            levels, decision = cycle.world.levels, cycle.decision
+            if decision is None or levels is None:
                 continue
             times.append(decision.timing_ms["plan"])
-            foot, _ = robot.body.feet_body[0 if walker.stance > 0 else 1]
+            foot, _ = robot.body.feet_body[0 if levels.foot > 0 else 1]
             stands = robot.body.true_pose @ foot
             if number in LOOKED:
-                claims += _claims(
-                    rng, walker.surfaces, terrain, stands, config.robot_model, walker.noise
-                )
+                noise = FootNoise(*levels.step_sigma.tolist())
+                claims += _claims(rng, levels.surfaces, terrain, stands, config.robot_model, noise)
             number += 1
-            if decision.why in ("arrived", "unknown"):
+            if number > LOOKED[-1]:
                 break
-            robot.walk(decision.walk)
-            robot.look(decision.gaze)
     return claims, times
 
 

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.footholds.foothold import Foothold
+from perception.primitives.pose import Pose2
+from planning.planners.foothold_planner import FootholdPlanner
 from sim.body.kinematic import KinematicBody
 from sim.robot import SimulatedRobot
 from sim.robot_config import RobotConfig
@@ -28,7 +29,10 @@ from sim.world import World
 
 from ...config.presets import fitted
 from ...config.schema import Config
-from ...run.ground_walk import FeetReading, GroundWalker
+from ...recordings.recording import RecordingInfo
+from ...run.bodies import LiveBody
+from ...run.level_pipeline import LevelPipeline
+from ...run.loop import cycles
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_trials
 from . import dynamic_stairs
@@ -65,55 +69,57 @@ def walk(seed: int, kind: str = "stairs") -> Walk:
     terrain = stairs.terrain(kind, seed)
     scene = terrain.scene(kind, seed)
     heights = [one.height_m for one in terrain.levels]
+    goal = scene.start.inverse().apply(np.array(scene.goals[0]))
     with World(scene, seed=seed) as world, SimulatedRobot(world, robot_config, seed) as robot:
-        goal = scene.start.inverse().apply(np.array(scene.goals[0]))
-        return _walked(seed, robot, GroundWalker(config, robot.own_body, goal), heights)
+        pipeline = LevelPipeline(config, from_its_start(robot))
+        planner = FootholdPlanner(config.planning, [(float(goal[0]), float(goal[1]))])
+        return _walked(seed, robot, pipeline, planner, heights)
 
 
-def _walked(seed: int, robot: SimulatedRobot, walker: GroundWalker, heights: list[float]) -> Walk:
-    steps: list[Step] = []
+def from_its_start(robot: SimulatedRobot) -> RecordingInfo:
+    """What is known beforehand of a walk in the frame of its start."""
+    return RecordingInfo(
+        "walk", "simulation", start=Pose2(), start_covariance=1e-8 * np.eye(3), calibrated=True,
+        own_body=robot.own_body, levels=True,
+    )  # fmt: skip
+
+
+def _walked(
+    seed: int,
+    robot: SimulatedRobot,
+    pipeline: LevelPipeline,
+    planner: FootholdPlanner,
+    heights: list[float],
+) -> Walk:
+    """The walk of a robot from one level to others."""
+    body, steps = robot.body, list[Step]()
+    assert isinstance(body, KinematicBody)
     start_m, most_m = heights[0], max(heights) - heights[0]
-    highest, before = start_m, walker.stance
-    expected: Foothold | None = None
-    edges, plan_ms = 0, 0.0
-    while len(steps) < MOST_STEPS:
-        frame = robot.read()
-        decision = walker.cycle(frame, FeetReading(robot.feet(), robot.foot_heights()))
+    highest, end, claimed, plan_ms = start_m, "time", 0.0, 0.0
+    live = LiveBody(robot)
+    for cycle in cycles(live, pipeline, planner, pipeline.config.robot_model):
+        decision = cycle.decision
         if decision is None:
             continue
-        if walker.stance != before and expected is not None:
-            carried, fault = _landed(robot, walker.stance, expected)
-            steps.append(Step(expected.missed, carried, plan_ms))
-            edges += carried < LEAST_CARRIED
-            if fault:
-                return Walk(seed, fault, (highest - start_m) / most_m, tuple(steps))
-            before = walker.stance
-        highest = max(highest, robot.body.true_height_m)
-        if decision.why in ("arrived", "unknown"):
-            end = "edge" if decision.why == "arrived" and edges else decision.why
-            return Walk(seed, end, (highest - start_m) / most_m, tuple(steps))
+        if body.landing is not None and body.landing.number > len(steps):
+            steps.append(Step(claimed, body.landing.carried, plan_ms))
+            if body.landing.struck_m > STRUCK_M:
+                end = "struck"
+                break
+        highest = max(highest, body.true_height_m)
+        assert decision.plan is not None
+        claimed = 0.0 if decision.plan.foothold is None else decision.plan.foothold.missed
         plan_ms = decision.timing_ms["plan"]
-        expected = None if decision.walk.stay else walker.next_foothold
-        robot.walk(decision.walk)
-        robot.look(decision.gaze)
-    return Walk(seed, "time", (highest - start_m) / most_m, tuple(steps))
-
-
-def _landed(robot: SimulatedRobot, foot: int, expected: Foothold) -> tuple[float, str]:
-    """The share of a sole with ground below it, and the fault of the step; empty without one."""
-    body, ground = robot.body, robot.ground
-    assert ground is not None
-    assert isinstance(body, KinematicBody)
-    place, _ = body.feet_body[0 if foot > 0 else 1]
-    carried, middle = ground.carried(body.true_pose @ place)
-    left_m, right_m = body.foot_heights()
-    rise_m = (left_m - right_m) * foot
-    if not middle or abs(rise_m - expected.height_m) > robot.config.gait.lift_m:
-        return carried, "fell"
-    swung, path = body.true_swing
-    if swung and ground.struck(path) > STRUCK_M:
-        return carried, "struck"
-    return carried, ""
+        end = decision.why if decision.why in ("arrived", "unknown") else "time"
+        if len(steps) == MOST_STEPS:
+            break
+    if live.fell_at_s is not None:
+        assert body.landing is not None
+        steps.append(Step(claimed, body.landing.carried, plan_ms))
+        end = "fell"
+    if end == "arrived" and any(step.carried < LEAST_CARRIED for step in steps):
+        end = "edge"
+    return Walk(seed, end, (highest - start_m) / most_m, tuple(steps))
 
 
 def run(seeds: int, say: Say) -> Outcome:

@@ -24,6 +24,7 @@ from ...config.presets import fitted
 from ...config.schema import Config
 from ...evaluation.evaluate import evaluate
 from ...results.run_folder import RunFolder
+from ...run.loop import Cycle
 from ...run.simulate import simulate
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_trials
@@ -47,18 +48,20 @@ def walk(seed: int) -> Walk:
     """One walk."""
     robot = RobotConfig(model=MODEL, stereo=False, colour=False, tof_source="rays")
     config = fitted(Config(scene=SCENE, robot=robot, seed=seed))
+    times: dict[str, list[float]] = {"room": [], "plan": []}
+
+    def note(cycle: Cycle) -> None:
+        for stage, ms in ({} if cycle.decision is None else cycle.decision.timing_ms).items():
+            times[stage].append(ms)
+
     with tempfile.TemporaryDirectory() as place:
-        summary = simulate(config, Path(place) / "run", False, lambda line: None, report=False)
+        out = Path(place) / "run"
+        summary = simulate(config, out, False, lambda line: None, report=False, watch=note)
         run = RunFolder.open(summary.folder)
         figures = {k: v for k, v in evaluate(run).items() if isinstance(v, (int, float))}
-        timing = run.read_csv("timing.csv")
-        room, plan = (
-            () if timing is None else tuple(t for t in timing.numbers(stage) if t > 0.0)
-            for stage in ("room", "plan")
-        )  # fmt: skip
     figures["fell"] = float(summary.fell_at_s is not None)
     arrived = summary.succeeded and figures["goal_final_m"] <= NEAR_M
-    return Walk(seed, arrived, figures, room, plan)
+    return Walk(seed, arrived, figures, tuple(times["room"]), tuple(times["plan"]))
 
 
 def run(seeds: int, say: Say) -> Outcome:

@@ -28,12 +28,36 @@ def columns(moments: Sequence[Moment]) -> dict[str, Any]:
         "cameras": _cameras(moments),
         "head": [_row(moment.head) for moment in moments],
         "feet": [None if one.feet is None else _rows(one.feet) for one in moments],
+        "heights": _heights(moments),
+        "surfaces": _surfaces(moments),
         "steps": [_rows(moment.steps) for moment in moments],
         "route": [_rows(moment.route) for moment in moments],
         "gaze": [_row(moment.gaze) for moment in moments],
         "why": [moment.why for moment in moments],
         "tracks": [_tracks(moment) for moment in moments],
     }
+
+
+def _heights(moments: Sequence[Moment]) -> list[Any] | None:
+    """Height of body and soles at every moment; None on one floor."""
+    if all(moment.heights_m is None for moment in moments):
+        return None
+    return [_row(moment.heights_m) for moment in moments]
+
+
+def _surfaces(moments: Sequence[Moment]) -> dict[str, Any] | None:
+    """The surfaces of the ground, each time they are new, and the lowest and the highest; None on one floor."""
+    numbers, found, last = [], [], None
+    for number, moment in enumerate(moments):
+        if moment.surfaces is None or moment.surfaces is last:
+            continue
+        last = moment.surfaces
+        numbers.append(number)
+        found.append([[_rows(one.corners), one.borders.tolist()] for one in last])
+    heights = [corner[2] for each in found for ring, _ in each for corner in ring]
+    if not heights:
+        return None
+    return {"moments": numbers, "of": found, "low": min(heights), "high": max(heights)}
 
 
 def gaze_maps(moments: Sequence[Moment]) -> tuple[dict[str, Any] | None, bytes]:

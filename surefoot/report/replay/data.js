@@ -80,6 +80,53 @@ function ellipseOf([xx, xy, yy]) {
   return [CHI * Math.sqrt(Math.max(mean + root2, 0)), CHI * Math.sqrt(Math.max(mean - root2, 0)), Math.atan2(2 * xy, xx - yy) / 2];
 }
 
+// The surfaces of ground with several levels at moment i: [corners, borders] of each; none on one floor.
+function surfacesAt(run, i) {
+  const k = run.surfaces ? lastAt(run.surfaces.moments, i) : -1;
+  return k < 0 ? [] : run.surfaces.of[k];
+}
+
+// Height of the ground at a place: of the highest surface there, else of the ground of the start.
+function groundAt(run, i, x, y) {
+  let top = null;
+  for (const [ring] of surfacesAt(run, i)) {
+    if (!inside(ring, x, y)) continue;
+    const mean = ring.reduce((sum, corner) => sum + corner[2], 0) / ring.length;
+    top = top === null ? mean : Math.max(top, mean);
+  }
+  return top || 0;
+}
+
+function inside(ring, x, y) {
+  let within = false;
+  for (let k = 0, j = ring.length - 1; k < ring.length; j = k++) {
+    const [a, b] = [ring[k], ring[j]];
+    if ((a[1] > y) !== (b[1] > y) && x < (b[0] - a[0]) * (y - a[1]) / (b[1] - a[1]) + a[0]) within = !within;
+  }
+  return within;
+}
+
+// Colour of a surface by its height among those of the run.
+function levelPaint(run, height) {
+  const { low, high } = run.surfaces;
+  return viridis(high - low < 0.02 ? 0.5 : 0.15 + 0.75 * (height - low) / (high - low));
+}
+
+// Triangles of a simple ring that is counterclockwise from above, as indices of its corners.
+function triangles(ring) {
+  const left = ring.map((_, k) => k), found = [];
+  const turn = ([a, b], [c, d], [e, f]) => (c - a) * (f - b) - (d - b) * (e - a);
+  for (let k = 0, misses = 0; left.length > 3 && misses < left.length;) {
+    const [p, q, r] = [0, 1, 2].map((n) => left[(k + n) % left.length]), corner = [ring[p], ring[q], ring[r]];
+    const ear = turn(...corner) > 1e-9 && !left.some((n) => n !== p && n !== q && n !== r && turn(corner[0], corner[1], ring[n]) > 0
+      && turn(corner[1], corner[2], ring[n]) > 0 && turn(corner[2], corner[0], ring[n]) > 0);
+    if (ear) { found.push([p, q, r]); left.splice((k + 1) % left.length, 1); misses = 0; } else { k = (k + 1) % left.length; misses += 1; }
+    if (k >= left.length) k = 0;
+  }
+  if (left.length === 3) found.push(left);
+  return found;
+}
+
 // A vector turned by a quaternion (x, y, z, w).
 function turned([x, y, z, w], [a, b, c]) {
   const u = 2 * (y * c - z * b), v = 2 * (z * a - x * c), s = 2 * (x * b - y * a);

@@ -48,8 +48,9 @@ class Entries:
         body = None
         if not self._has_body and moment.head is not None:
             body, self._has_body = body_of(self._run, [moment]), True
+        known = moment.surfaces is getattr(before, "surfaces", None)
         return {
-            **columns([moment]),
+            **columns([replace(moment, surfaces=None) if known else moment]),
             "t": [round(moment.stamp_s - self._start_s, 3)],
             "values": values,
             "series": series,

@@ -67,6 +67,7 @@ def _values(moments: Sequence[Moment], nearest: Numbers) -> list[tuple[str, list
         ("claimed risk", each(lambda one: _said(one.risk, "{:.1%} chance of contact"))),
         ("position", each(_position)),
         ("heading", each(_heading)),
+        ("height", each(_height)),
         ("nearest obstacle", [_said(gap, "{:.2f} m") for gap in nearest]),
         ("head", each(lambda one: _angles(one.head))),
         ("tracks", each(_tracks) if any(one.tracks for one in moments) else []),
@@ -95,6 +96,12 @@ def _heading(moment: Moment) -> str:
     sigma = math.degrees(math.sqrt(max(float(moment.pose.covariance[2, 2]), 0.0)))
     said = f"{math.degrees(moment.pose.mean[2]):.0f}°"
     return said + (f" ± {sigma:.1f}°" if math.isfinite(sigma) else "")
+
+
+def _height(moment: Moment) -> str:
+    if moment.heights_m is None or moment.height_sigma_m is None:
+        return ""
+    return f"{100 * moment.heights_m[0]:.1f} ± {100 * moment.height_sigma_m:.1f} cm above the start"
 
 
 def _angles(pair: tuple[float, float] | None) -> str:
@@ -145,9 +152,13 @@ def _series(moments: Sequence[Moment], nearest: Numbers) -> list[dict[str, Any]]
     tracked = any(one.tracks for one in moments)
     moving: Numbers = [float(sum(o.moving >= MOVING for o in one.tracks)) for one in moments]
     every: Numbers = [float(len(one.tracks)) for one in moments]
+    heights: Numbers = [
+        None if one.heights_m is None else 100.0 * float(one.heights_m[0]) for one in moments
+    ]
     found = [
         _plot("Standard deviation of the position", "cm", x=deviations(0, 100.0), y=deviations(1, 100.0)),
         _plot("Standard deviation of the heading", "deg", heading=deviations(2, math.degrees(1.0))),
+        _plot("Height above the start", "cm", zero=False, body=heights),
         _plot("Nearest obstacle, from the body's centre", "m", distance=nearest),
         _plot("Claimed risk of the chosen plan", "probability", risk=[one.risk for one in moments]),
         _plot("Direction of the head", "deg", zero=False, pan=degrees(heads, 0), tilt=degrees(heads, 1)),

@@ -40,8 +40,8 @@ class Live {
 }
 
 function emptyRun() {
-  const lists = ["t", "pose", "head", "feet", "steps", "route", "gaze", "why", "tracks", "cameras", "panes", "values", "series", "goals", "landmarks", "footprints", "areas", "layers"];
-  return { ...Object.fromEntries(lists.map((name) => [name, []])), grid: null, cloud: null, gaze_map: null, body: null, box: null, moving: 0.5, by_number: null };
+  const lists = ["t", "pose", "head", "feet", "steps", "route", "gaze", "why", "tracks", "cameras", "panes", "values", "series", "goals", "landmarks", "footprints", "areas", "layers"]; // surfaces and heights: of several levels alone
+  return { ...Object.fromEntries(lists.map((name) => [name, []])), grid: null, cloud: null, gaze_map: null, grows: true, heights: null, surfaces: null, body: null, box: null, moving: 0.5, by_number: null };
 }
 
 function put(list, i, value) {
@@ -87,6 +87,12 @@ async function append(run, one) {
     run.gaze_map = run.gaze_map || { ...map, moments: [], maps: [] };
     run.gaze_map.moments.push(i); run.gaze_map.maps.push(await unpacked(data));
   }
+  if (one.heights) put(run.heights = run.heights || [], i, one.heights[0]);
+  if (one.surfaces) {
+    const { of, low, high } = one.surfaces, all = run.surfaces = run.surfaces || { moments: [], of: [], low, high };
+    all.moments.push(i); all.of.push(of[0]);
+    all.low = Math.min(all.low, low); all.high = Math.max(all.high, high);
+  }
   for (const goal of one.goals) if (!run.goals.some((other) => Math.hypot(other[0] - goal[0], other[1] - goal[1]) < 0.01)) run.goals.push(goal);
   run.body = one.body || run.body;
   widen(run, one);
@@ -97,6 +103,7 @@ function widen(run, one) {
   const places = [...run.goals];
   for (const camera of one.cameras) if (camera.pose[0]) places.push(camera.pose[0]);
   if (one.pose[0]) places.push(one.pose[0]);
+  for (const [ring] of one.surfaces ? one.surfaces.of[0] : []) places.push(...ring);
   if (one.grid) {
     const [, rows, columns, x, y] = one.grid.places[0], cell = one.grid.cell_m;
     places.push([x, y], [x + columns * cell, y + rows * cell]);

@@ -18,6 +18,7 @@ class Scene {
     if (run.body) this.foot = run.body.foot;
     for (const ring of run.footprints) shapes.band([...ring, ring[0]], 0.012, 0.015, PAINT.static);
     this.metres();
+    this.levels(i);
     this.path(i);
     this.plan(i);
     for (const track of run.tracks[i] || []) this.track(track);
@@ -33,8 +34,26 @@ class Scene {
     for (let y = y0; y <= y1; y++) this.shapes.line([x0, y, 0.003], [x1, y, 0.003], PAINT.view, 0.13);
   }
 
+  // Surfaces on which a foot may stand, by height, and what is beyond their sides.
+  levels(i) {
+    const { shapes, run } = this;
+    for (const [ring, borders] of surfacesAt(run, i)) {
+      const tint = levelPaint(run, ring[0][2]).map((value) => value / 255);
+      for (const corners of triangles(ring)) shapes.triangle(...corners.map((k) => ring[k]), tint, 0.5);
+      for (const [k, border] of borders.entries()) {
+        const ends = [ring[k], ring[(k + 1) % ring.length]].map(([x, y, z]) => [x, y, z + 0.004]);
+        shapes.line(...ends, [PAINT.view, PAINT.moving, PAINT.dark][border], border ? 1 : 0.35);
+      }
+    }
+  }
+
   path(i) {
     const run = this.run, poses = run.pose.some((one) => one) ? run.pose : null;
+    if (run.heights) {
+      const at = (k) => run.pose[k] && run.heights[k] && [run.pose[k][0], run.pose[k][1], run.heights[k][0] + 0.01];
+      for (let k = 1; k < run.pose.length; k++) if (at(k - 1) && at(k)) this.shapes.line(at(k - 1), at(k), k > i ? PAINT.come : PAINT.path);
+      return;
+    }
     if (poses) {
       this.shapes.band(poses.slice(i), 0.006, 0.012, PAINT.come);
       this.shapes.band(poses.slice(0, i + 1), 0.008, 0.02, PAINT.path);
@@ -49,12 +68,16 @@ class Scene {
   plan(i) {
     const { shapes, run } = this;
     if (run.route[i] && run.route[i].length > 1) shapes.dashes(run.route[i], 0.01, 0.018, PAINT.plan);
-    for (const [x, y, yaw] of run.steps[i] || []) shapes.slab(x, y, yaw, this.foot, 0.002, 0.012, PAINT.plan, 0.75);
+    for (const [x, y, yaw] of run.steps[i] || []) {
+      const z = groundAt(run, i, x, y);
+      shapes.slab(x, y, yaw, this.foot, z + 0.002, z + 0.012, PAINT.plan, 0.75);
+    }
     for (const [k, [x, y]] of run.goals.entries()) {
-      shapes.face(round(x, y, 0.005, 0.12, 0.12, 0), PAINT.plan, 0.45);
-      shapes.bar([x, y, 0], [x, y, 0.42], 0.014, [1, 0, 0], PAINT.plan);
-      for (const [u, v] of [[0.08, 0], [0, 0.08]]) shapes.face([[x - u, y - v, 0.36], [x, y, 0.28], [x + u, y + v, 0.36], [x, y, 0.44]], PAINT.plan);
-      shapes.label([x, y, 0.47], run.goals.length > 1 ? `goal ${k + 1}` : "goal", PAINT.plan);
+      const z = groundAt(run, run.t.length - 1, x, y);
+      shapes.face(round(x, y, z + 0.005, 0.12, 0.12, 0), PAINT.plan, 0.45);
+      shapes.bar([x, y, z], [x, y, z + 0.42], 0.014, [1, 0, 0], PAINT.plan);
+      for (const [u, v] of [[0.08, 0], [0, 0.08]]) shapes.face([[x - u, y - v, z + 0.36], [x, y, z + 0.28], [x + u, y + v, z + 0.36], [x, y, z + 0.44]], PAINT.plan);
+      shapes.label([x, y, z + 0.47], run.goals.length > 1 ? `goal ${k + 1}` : "goal", PAINT.plan);
     }
   }
 
@@ -76,43 +99,46 @@ class Scene {
   views(i) {
     const { shapes, run } = this, camera = run.cameras.find((one) => !one.seldom), seen = camera && sight(camera, i);
     if (!seen) return;
-    const ends = seen.rays.map((ray) => meets(seen.at, ray));
+    const floor = run.heights && run.heights[i] ? run.heights[i][0] : 0;
+    const ends = seen.rays.map((ray) => meets(seen.at, ray, floor));
     for (let n = 1; n < 5; n++) {
       const next = n % 4 + 1;
       shapes.line(seen.at, ends[n], PAINT.view, 0.6);
       shapes.line(ends[n], ends[next], PAINT.view, 0.6);
       shapes.face([seen.at, ends[n], ends[next]], PAINT.view, 0.05);
     }
-    shapes.face(ends.slice(1).map(([x, y, z]) => [x, y, Math.max(z, 0.004)]), PAINT.view, 0.08);
-    this.gaze(i, seen);
+    shapes.face(ends.slice(1).map(([x, y, z]) => [x, y, Math.max(z, floor + 0.004)]), PAINT.view, 0.08);
+    this.gaze(i, seen, floor);
   }
 
-  gaze(i, seen) {
+  gaze(i, seen, floor) {
     const { shapes, run } = this, pose = run.pose[i], wanted = run.gaze[i];
     if (!pose || !wanted) return;
     const pan = pose[2] + wanted[0], tilt = wanted[1], flat = Math.cos(tilt);
-    const [x, y, z] = meets(seen.at, [Math.cos(pan) * flat, Math.sin(pan) * flat, -Math.sin(tilt)]);
+    const [x, y, z] = meets(seen.at, [Math.cos(pan) * flat, Math.sin(pan) * flat, -Math.sin(tilt)], floor);
     shapes.line(seen.at, [x, y, z], PAINT.gaze, 0.9);
-    shapes.ring(x, y, Math.max(z, 0.02), [MARK_M, MARK_M, 0], PAINT.gaze, 0.95, 0.014);
-    shapes.face(round(x, y, Math.max(z, 0.02), 0.018, 0.018, 0), PAINT.gaze);
+    shapes.ring(x, y, Math.max(z, floor + 0.02), [MARK_M, MARK_M, 0], PAINT.gaze, 0.95, 0.014);
+    shapes.face(round(x, y, Math.max(z, floor + 0.02), 0.018, 0.018, 0), PAINT.gaze);
     shapes.label([x, y, z + 0.05], "gaze", PAINT.gaze);
   }
 
   robot(i) {
     const { shapes, run, foot } = this, pose = run.pose[i], feet = run.feet[i] || [];
-    for (const [x, y, yaw, lifted] of feet) shapes.slab(x, y, yaw, foot, lifted * LIFT_M, lifted * LIFT_M + 0.022, PAINT.robot);
+    const heights = run.heights && run.heights[i], up = heights ? heights[0] : 0;
+    const soles = feet.map(([, , , lifted], k) => (heights ? heights[k + 1] : lifted * LIFT_M));
+    for (const [k, [x, y, yaw]] of feet.entries()) shapes.slab(x, y, yaw, foot, soles[k], soles[k] + 0.022, PAINT.robot);
     if (!pose) return;
     const [x, y, yaw, xx, xy, yy] = pose;
-    shapes.ellipse(x, y, 0.018, [xx, xy, yy], PAINT.robot, 0.3, Number(byId("ellipse").value));
-    if (!run.body) { shapes.band([[x, y], [x + 0.2 * Math.cos(yaw), y + 0.2 * Math.sin(yaw)]], 0.02, 0.04, PAINT.robot); return; }
+    shapes.ellipse(x, y, up + 0.018, [xx, xy, yy], PAINT.robot, 0.3, Number(byId("ellipse").value));
+    if (!run.body) { shapes.band([[x, y], [x + 0.2 * Math.cos(yaw), y + 0.2 * Math.sin(yaw)]], up + 0.02, 0.04, PAINT.robot); return; }
     const [deep, wide, tall] = run.body.trunk, [c, s] = [Math.cos(yaw), Math.sin(yaw)];
-    const at = (a, b, z) => [x + c * a - s * b, y + s * a + c * b, z], ahead = [c, s, 0], hip = 0.46 * tall, neck = 0.82 * tall;
-    shapes.slab(x, y, yaw, [0.8 * deep, 0.7 * wide], hip, neck, PAINT.robot);
+    const at = (a, b, z) => [x + c * a - s * b, y + s * a + c * b, up + z], ahead = [c, s, 0], hip = 0.46 * tall, neck = 0.82 * tall;
+    shapes.slab(x, y, yaw, [0.8 * deep, 0.7 * wide], up + hip, up + neck, PAINT.robot);
     for (const [k, side] of [1, -1].entries()) {
       shapes.bar(at(0, side * 0.44 * wide, 0.97 * neck), at(0.25 * deep, side * 0.47 * wide, 0.95 * hip), 0.22 * wide, ahead, PAINT.robot);
       if (!feet[k]) continue;
-      const [u, v, , lifted] = feet[k];
-      shapes.bar(at(0, side * 0.2 * wide, hip), [u, v, 0.02 + lifted * LIFT_M], 0.26 * wide, ahead, PAINT.robot);
+      const [u, v] = feet[k];
+      shapes.bar(at(0, side * 0.2 * wide, hip), [u, v, soles[k] + 0.02], 0.26 * wide, ahead, PAINT.robot);
     }
     this.head(i, at(0, 0, 0.91 * tall), yaw, tall);
   }
@@ -131,9 +157,9 @@ class Scene {
   }
 }
 
-// Where a ray meets the floor, or its end at `REACH_M`.
-function meets(at, ray) {
-  const reach = REACH_M / Math.hypot(...ray), long = ray[2] < -1e-6 ? Math.min(Math.max(-at[2] / ray[2], 0), reach) : reach;
+// Where a ray meets the floor at a height, or its end at `REACH_M`.
+function meets(at, ray, floor) {
+  const reach = REACH_M / Math.hypot(...ray), long = ray[2] < -1e-6 ? Math.min(Math.max((floor - at[2]) / ray[2], 0), reach) : reach;
   return at.map((value, k) => value + ray[k] * long);
 }
 

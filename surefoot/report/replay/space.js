@@ -29,8 +29,9 @@ class Space {
     const rows = run.cloud ? this.pointsOf(run.cloud) : null;
     this.store("cloud", rows || []);
     byId("cloud-choice").hidden = !rows;
-    byId("follow-space").checked = !rows;
-    if (rows) this.aim(rows); else this.stand();
+    const spread = rows || (run.grows ? null : this.cornersOf(run.surfaces));
+    byId("follow-space").checked = !spread;
+    if (spread) this.aim(spread); else this.stand();
     this.visible = true;
     new IntersectionObserver(([entry]) => { this.visible = entry.isIntersecting; if (this.visible) this.again(); }).observe(this.canvas);
     for (const id of ["cloud", "follow-space"]) byId(id).addEventListener("change", () => this.again());
@@ -48,12 +49,17 @@ class Space {
     return { made, view: gl.getUniformLocation(made, "view"), size: gl.getUniformLocation(made, "size") };
   }
 
-  // Look at the middle of the cloud, from where most of it fills the pane.
+  // Corners of the last surfaces of ground with several levels, as rows; null on one floor.
+  cornersOf(surfaces) {
+    return surfaces && surfaces.of[surfaces.of.length - 1].flatMap(([ring]) => ring.flatMap((corner) => [...corner, 0, 0, 0, 0]));
+  }
+
+  // Look at the middle of the cloud, or of the surfaces, from where most of it fills the pane.
   aim(rows) {
-    const [x0, y0, x1, y1] = this.run.box, span = [[x0, x1], [y0, y1]];
+    const [x0, y0, x1, y1] = this.run.box, span = [[x0, x1], [y0, y1]], every = rows.length > 5000 * ROW ? 11 : 1;
     for (let c = 0; c < 2; c++) {
       const values = [];
-      for (let k = c; k < rows.length; k += 11 * ROW) values.push(rows[k]);
+      for (let k = c; k < rows.length; k += every * ROW) values.push(rows[k]);
       values.sort((a, b) => a - b);
       span[c] = [0.02, 0.98].map((share) => values[Math.floor(share * (values.length - 1))]);
     }
@@ -66,7 +72,9 @@ class Space {
   stand() {
     const i = this.run.t.length - 1, pose = this.run.pose[i], [x, y] = this.placeAt(i) || [0, 0];
     const heading = pose ? pose[2] : Math.PI / 2;
-    this.centre = [x + FIRST.ahead_m * Math.cos(heading), y + FIRST.ahead_m * Math.sin(heading), 0.1];
+    this.followed = this.placeAt(i);
+    this.height = this.run.heights && this.run.heights[i] ? this.run.heights[i][0] : 0;
+    this.centre = [x + FIRST.ahead_m * Math.cos(heading), y + FIRST.ahead_m * Math.sin(heading), this.height + 0.1];
     this.yaw = heading + Math.PI + FIRST.behind; this.pitch = FIRST.pitch; this.distance = FIRST.distance;
   }
 
@@ -130,7 +138,9 @@ class Space {
     const now = this.placeAt(i), before = this.followed;
     this.followed = now || before;
     if (!now || !before || !byId("follow-space").checked) return;
-    for (const c of [0, 1]) this.centre[c] += now[c] - before[c];
+    const rise = this.run.heights && this.run.heights[i] ? this.run.heights[i][0] - (this.height || 0) : 0;
+    for (const [c, way] of [now[0] - before[0], now[1] - before[1], rise].entries()) this.centre[c] += way;
+    this.height = (this.height || 0) + rise;
   }
 
   matrix(width, height) {

@@ -216,6 +216,8 @@ def _box(
     places += [list(T.translation[:2]) for one in moments for T in one.cameras.values()]
     places += [list(mark) for mark in marks]
     places += [corner for area in areas for corner in area["ring"]]
+    seen = {id(one.surfaces): one.surfaces for one in moments if one.surfaces is not None}
+    places += [c[:2].tolist() for each in seen.values() for one in each for c in one.corners]
     for layer in layers[:1]:
         (x, y), (wide, high), cell = layer["origin"], layer["size"], layer["cell_m"]
         places += [[x, y], [x + wide * cell, y + high * cell]]

@@ -60,6 +60,7 @@ class TopView {
     g.fillRect(0, 0, width, height);
     this.below(i);
     this.grid(i);
+    this.levels(i);
     for (const area of this.run.areas) this.area(area);
     for (const ring of this.run.footprints) this.polygon(ring, theme.static, 0.2, 1.3);
     for (const [x, y] of this.run.landmarks) this.mark(x, y, "◆", theme.landmark, 10);
@@ -128,14 +129,26 @@ class TopView {
     this.g.globalAlpha = 1;
   }
 
+  // Surfaces on which a foot may stand, by height, and what is beyond their sides.
+  levels(i) {
+    const highest = (ring) => Math.max(...ring.map((corner) => corner[2]));
+    for (const [ring, borders] of [...surfacesAt(this.run, i)].sort(([a], [b]) => highest(a) - highest(b))) {
+      this.polygon(ring, `rgb(${levelPaint(this.run, ring[0][2]).map(Math.round)})`, 0.55, 0);
+      for (const [k, border] of borders.entries()) {
+        this.line([ring[k], ring[(k + 1) % ring.length]], [theme.soft, theme.moving, theme.ink][border], border ? 2 : 1, border ? [] : [2, 3]);
+      }
+    }
+  }
+
   // Where a camera sees the floor, and where its axis meets it.
   views(i) {
     for (const [k, camera] of this.run.cameras.filter((one) => !one.seldom).entries()) {
       const seen = sight(camera, i);
       if (!seen) continue;
+      const up = this.run.heights && this.run.heights[i] ? this.run.heights[i][0] : 0;
       const floor = seen.rays.map((ray) => {
         const reach = FAR_M / Math.hypot(...ray);
-        const length = ray[2] < -1e-6 ? Math.min(Math.max(-seen.at[2] / ray[2], 0), reach) : reach;
+        const length = ray[2] < -1e-6 ? Math.min(Math.max((up - seen.at[2]) / ray[2], 0), reach) : reach;
         return [seen.at[0] + ray[0] * length, seen.at[1] + ray[1] * length];
       });
       this.polygon(floor.slice(1), theme.view, k ? 0 : 0.16, k ? 0.6 : 1.2);
@@ -277,6 +290,8 @@ class TopView {
       ["belief", "robot or camera, path so far", true], ["view", "what a camera sees of the floor, path to come", run.cameras.length],
       ["target", "goal, route and next steps", run.goals.length || some(run.route)],
       ["target", "gap", run.areas.length],
+      ["viridis", "surface for a foot, from low to high", run.surfaces], ["moving", "it drops beyond this side", run.surfaces],
+      ["ink", "something rises beyond this side", run.surfaces],
       ["static", run.areas.length ? "obstacle with its number" : "static obstacle", run.footprints.length || run.areas.length || some(run.tracks)],
       ["moving", "moving obstacle with 95 % ellipse and prediction", run.tracks.some((row) => row.some((one) => one.moving >= run.moving))],
       ["landmark", "landmark", run.landmarks.length], ["occupied", "occupied", run.grid || run.layers.length],
@@ -286,7 +301,7 @@ class TopView {
     for (const [name, words, there] of wanted) {
       if (!there) continue;
       const item = document.createElement("li"), swatch = document.createElement("i");
-      swatch.style.background = `var(--${name})`;
+      swatch.style.background = name === "viridis" ? `linear-gradient(90deg, ${[0.15, 0.5, 0.9].map((t) => `rgb(${viridis(t).map(Math.round)})`)})` : `var(--${name})`;
       item.append(swatch, words);
       byId("legend").append(item);
     }

@@ -58,7 +58,7 @@ def walked():
             rows.append(
                 (
                     body.true_height_m, rise, [robot.ground.under(foot) for foot in feet],
-                    robot.foot_heights(), robot.ground.struck(body.true_swing[1]),
+                    (frame.feet.left_m, frame.feet.right_m), robot.ground.struck(body.true_swing[1]),
                     robot.camera_in_world(CONFIG.tof_mount_m).translation[2],
                     (true_frame(body) @ robot.measured_camera(CONFIG.tof_mount_m)).translation[2],
                     motion, body.true_pose,

@@ -4,6 +4,7 @@ import dataclasses
 import io
 import itertools
 import json
+import math
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
@@ -19,8 +20,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
-from perception.primitives.errors import OutputError, RecordingError
-from perception.primitives.frame import Frame, StepOdometry
+from perception.primitives.errors import InputError, OutputError, RecordingError
+from perception.primitives.frame import FeetReading, Frame, StepOdometry
 from perception.primitives.kinematics import Joint, KinematicTree
 from perception.primitives.landmark import Landmark
 from perception.primitives.own_body import JointReading, OwnBody, OwnPart
@@ -29,9 +30,7 @@ from surefoot.mcap_file import MAGIC, nanoseconds
 from surefoot.recordings.codec import decode, encode
 from surefoot.recordings.mcap_format import McapRecording, RecordingWriter
 from surefoot.recordings.mcap_messages import (
-    FORMAT,
     frame_messages,
-    info_to_json,
 )
 from surefoot.recordings.own_body_json import own_body_from_json, own_body_to_json
 from surefoot.recordings.recording import RecordingInfo
@@ -122,6 +121,24 @@ OWN = OwnBody(
 )
 
 
+FEET = FeetReading(Pose2(0.1, 1 / 3, -0.2), Pose2(-0.1, -0.3, 0.7), 0.07, -2 / 3, (True, False))
+
+
+def test_the_feet_are_stored_without_loss_and_on_several_levels_no_frame_is_used_without(tmp_path):
+    path = tmp_path / "feet.mcap"
+    with RecordingWriter(path, replace(INFO, levels=True)) as writer:
+        writer.write(encode(Frame(1.0, feet=FEET)))
+        writer.write(encode(Frame(2.0)))
+        writer.write(encode(Frame(3.0, feet=FEET)))
+    recording = McapRecording(path)
+    assert recording.info.levels
+    assert [frame.feet for frame in recording.frames()] == [FEET, FEET]
+    (skipped,) = recording.skipped
+    assert "no feet" in skipped.reason
+    with pytest.raises(InputError, match="feet"):
+        encode(Frame(1.0, feet=replace(FEET, left_m=math.inf)))
+
+
 def test_joint_angles_and_the_robots_own_body_are_stored_without_loss(tmp_path):
     joints = JointReading(Pose3((0.1, 1 / 3, -0.7), (0.0, 0.6, 0.0, 0.8)), (0.1, -1 / 3))
     path = tmp_path / "own.mcap"
@@ -138,12 +155,6 @@ def test_joint_angles_and_the_robots_own_body_are_stored_without_loss(tmp_path):
     (part,), (wrote,) = own.parts, OWN.parts
     np.testing.assert_array_equal(part.corners, wrote.corners)
     assert vars(part) | {"corners": 0} == vars(wrote) | {"corners": 0}
-
-
-def test_only_recordings_with_a_body_need_a_reader_that_knows_it():
-    assert info_to_json(INFO)["format"] == 1
-    assert "own_body" not in info_to_json(INFO)
-    assert info_to_json(replace(INFO, own_body=OWN))["format"] == FORMAT == 2
 
 
 @pytest.mark.parametrize(
@@ -436,9 +447,9 @@ def test_a_recording_without_frames_is_refused(tmp_path):
 def test_a_newer_format_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("surefoot.recordings.mcap_messages.FORMAT", 99)
     path = tmp_path / "r.mcap"
-    with RecordingWriter(path, replace(INFO, own_body=OWN)):
+    with RecordingWriter(path, INFO):
         pass
-    with pytest.raises(RecordingError, match="format 99 is newer than the 2 this version reads"):
+    with pytest.raises(RecordingError, match="format 99 is newer than the 3 this version reads"):
         McapRecording(path)
 
 

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from mapping.ground.surface import Border
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError, OutputError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose3, head_rotation
 from surefoot.report.film import LARGEST_BYTES, LEFT_PX, film
-from surefoot.report.film_map import BLUE
-from surefoot.results.moment import UNKNOWN, Layers, Moment
+from surefoot.report.film_map import BLUE, MARGIN_M, RED
+from surefoot.results.moment import UNKNOWN, Layers, Moment, SurfaceSeen
 from surefoot.results.moments import MomentWriter
 from surefoot.results.run_folder import RunFolder
 
@@ -75,6 +77,20 @@ def test_the_path_grows_from_picture_to_picture(tmp_path):
     assert animation.frames[0].shape[:2] == (height, width)
     share = (ends[-1] - ends[0]) / (width - LEFT_PX)
     assert share == pytest.approx(3.0 * 18 / 20 / 5.05, abs=0.03)  # of the width of the map, m
+
+
+def test_surfaces_are_drawn_where_they_are_with_red_sides_where_they_drop(tmp_path):
+    corners = np.array([[0.0, -0.5, 0.1], [2.0, -0.5, 0.1], [2.0, 0.5, 0.1], [0.0, 0.5, 0.1]])
+    borders = np.array([Border.RISE, Border.DROP, Border.RISE, Border.UNSEEN])
+    seen = (SurfaceSeen(corners, borders),)
+    walked = [replace(moment(k, 5), grid=None, surfaces=seen if k == 0 else None) for k in range(5)]
+    out = film(run_of(tmp_path, walked), tmp_path / "walk.webp")
+    _, animation = cv2.imreadanimation(str(out))
+    drawn = animation.frames[-1][:, LEFT_PX:, :3].astype(int)
+    red = np.flatnonzero((np.abs(drawn - RED).max(axis=2) < 60).sum(axis=0) > 20)
+    scale = drawn.shape[1] / (3.0 + 2 * MARGIN_M)  # the path is 3 m long
+    assert red.min() / scale - MARGIN_M == pytest.approx(2.0, abs=0.05)
+    assert red.max() / scale - MARGIN_M == pytest.approx(2.0, abs=0.05)
 
 
 def test_a_run_that_stands_nowhere_is_refused(tmp_path):

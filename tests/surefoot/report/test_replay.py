@@ -7,12 +7,14 @@ import json
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from mapping.ground.surface import Border
 from mapping.io import clouds, nav2
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
@@ -23,9 +25,10 @@ from planning.gaze.selection import DirectionMap
 from surefoot.cli.main import main
 from surefoot.report.replay import gathering, page
 from surefoot.report.replay.columns import columns
+from surefoot.report.replay.entry import Entries
 from surefoot.report.replay.figures import nearest_obstacle
-from surefoot.results.moment import UNKNOWN, Layers, Moment, Prediction
-from surefoot.results.moments import MomentWriter
+from surefoot.results.moment import UNKNOWN, Layers, Moment, Prediction, SurfaceSeen
+from surefoot.results.moments import MomentWriter, held
 from surefoot.results.run_folder import RunFolder
 
 from .browser import CHROMIUM, Browser
@@ -175,6 +178,91 @@ def test_the_robot_is_drawn_where_the_moment_has_it(browser, run):
         )
     scale = float(browser.run("document.getElementById('map').dataset.scale"))
     assert (found[1] - found[0]) / scale == pytest.approx(1.2, abs=0.03)
+
+
+def levels(count: int = 20) -> list[Moment]:
+    """A robot that climbs a step of 0.1 m; the upper surface, an L, is seen from the middle of the walk on."""
+    square = np.array([[-1.0, -1.0, 0.0], [0.5, -1.0, 0.0], [0.5, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    lower = SurfaceSeen(
+        square, np.array([Border.UNSEEN, Border.RISE, Border.UNSEEN, Border.UNSEEN])
+    )
+    upper = SurfaceSeen(RING, np.full(len(RING), Border.DROP))
+    made = []
+    for k, one in enumerate(moments(count)):
+        up = 0.1 if k >= count // 2 else 0.0
+        seen = {0: (lower,), count // 2: (lower, upper)}.get(k)
+        made.append(
+            replace(
+                one, grid=None, tracks=(), predictions=(), surfaces=seen,
+                heights_m=np.array([up, up, up]), height_sigma_m=0.004,
+            )
+        )  # fmt: skip
+    return made
+
+
+RING = np.array(
+    [[0.5, -1.0, 0.1], [2.0, -1.0, 0.1], [2.0, 0.0, 0.1], [1.0, 0.0, 0.1], [1.0, 1.0, 0.1], [0.5, 1.0, 0.1]]
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def climb(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    folder = RunFolder.create(tmp_path_factory.mktemp("replay") / "climb")
+    folder.write_json("summary.json", {"kind": "simulation", "name": "climb"})
+    text = page.replay_page(folder, levels())
+    assert text is not None
+    folder.write_text(page.REPLAY, text)
+    return folder
+
+
+DROPPING = """(() => {
+  const c = document.getElementById('map'), data = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+  const [r, g, b] = rgb(theme.moving);
+  let count = 0;
+  for (let k = 0; k < data.length; k += 4) count += Math.max(Math.abs(data[k] - r), Math.abs(data[k + 1] - g), Math.abs(data[k + 2] - b)) < 40;
+  return count;
+})()"""
+"""Pixels of the top view in the colour of sides beyond which it drops."""
+
+
+def test_surfaces_of_several_levels_are_drawn_from_when_they_are_seen(browser, climb):
+    opened(browser, climb)
+    dropping = []
+    for k in (9, 10):
+        go(browser, k)
+        dropping.append(browser.run(DROPPING))
+        assert ("10.0 ± 0.4 cm above" in drawn(browser)["values"]) == (k == 10)
+    scale = float(browser.run("document.getElementById('map').dataset.scale"))
+    round_m = float(np.linalg.norm(np.roll(RING, -1, axis=0) - RING, axis=1).sum())
+    assert dropping[0] == 0
+    assert 0.5 < dropping[1] / (2.0 * round_m * scale) < 2.0  # lines are two pixels wide
+    assert "it drops beyond this side" in browser.run(
+        "document.getElementById('legend').textContent"
+    )
+    assert browser.errors == []
+
+
+def test_a_live_page_gets_surfaces_once_and_heights_always(climb):
+    entries = Entries(climb)
+    sent = [entries.of(one) for one in held(levels(12))]
+    assert [k for k, one in enumerate(sent) if one["surfaces"]] == [0, 6]
+    assert len(sent[6]["surfaces"]["of"][0]) == 2
+    assert [one["heights"][0][0] for one in sent] == [0.0] * 6 + [0.1] * 6
+
+
+def test_a_concave_surface_is_cut_into_triangles_that_cover_it_once(browser, climb):
+    opened(browser, climb)
+    ring = json.dumps(RING.tolist())
+    cut = np.array(json.loads(browser.run(f"JSON.stringify(triangles({ring}))")))
+    assert len(cut) == len(RING) - 2
+    a, b, c = (RING[cut[:, k], :2] for k in range(3))
+    (u, v), (w, z) = (b - a).T, (c - a).T
+    areas = (u * z - v * w) / 2.0
+    assert (areas > 0.0).all()
+    assert areas.sum() == pytest.approx(1.5 + 0.5)
+    asked = [[1.8, -0.8], [1.8, 0.8], [0.7, 0.9]]
+    found = [browser.run(f"inside({ring}, {x}, {y})") for x, y in asked]
+    assert found == [True, False, True]
 
 
 def test_keys_step_jump_and_play(browser, run):

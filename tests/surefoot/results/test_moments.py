@@ -20,7 +20,14 @@ from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, Pose3
 from planning.gaze.selection import DirectionMap
 from surefoot.mcap_file import TopicWriter, messages
-from surefoot.results.moment import UNKNOWN, FloorSeen, Layers, Moment, Prediction
+from surefoot.results.moment import (
+    UNKNOWN,
+    FloorSeen,
+    Layers,
+    Moment,
+    Prediction,
+    SurfaceSeen,
+)
 from surefoot.results.moment_messages import JSON_TOPICS, MOMENT
 from surefoot.results.moments import ESTIMATES, MomentWriter, held, read_moments
 from surefoot.results.run_folder import RunFolder
@@ -76,6 +83,9 @@ def full_moment(rng, stamp_s):
         rng.integers(0, 256, (48, 64)).astype(np.uint8),
         1 / 64,
         "tof",
+        rng.standard_normal(3),
+        0.002,
+        tuple(SurfaceSeen(rng.standard_normal((n, 3)), rng.integers(0, 3, n)) for n in (3, 7)),
     )
 
 

@@ -19,6 +19,8 @@ TABLES = (
     "floor.csv",
     "map.pgm",
     "cloud.ply",
+    "ground.json",
+    "heights.csv",
 )
 
 

@@ -7,18 +7,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mapping.ground.levels import Levels
+from mapping.ground.obstacles import ObstacleMap
 from mapping.io import ground_file
-from perception.primitives.errors import ConfigError, InputError
-from planning.planners.factory import make
+from perception.estimate import Estimate
+from perception.monitoring.status import SLOW, STAND, Doubt
+from perception.primitives.errors import ConfigError
+from perception.primitives.pose import Pose2
+from planning.commands import GazeCommand, WalkCommand
+from planning.planners.caution import Caution
 from planning.planners.mission import ON_LEVELS, MissionConfig
+from planning.planners.planner import Decision
+from planning.world_model import WorldModel
 from sim.robot_config import RobotConfig
 from sim.robots import catalogue as robots
 from sim.robots import installed
 from sim.scenes import catalogue
+from surefoot.config.load import load
 from surefoot.config.presets import fitted
 from surefoot.config.schema import Config
 from surefoot.results.run_folder import RunFolder
-from surefoot.run import level_walk
+from surefoot.run import checkpoint, level_walk, process
 from surefoot.run.simulate import simulate
 
 there = pytest.mark.skipif(
@@ -55,37 +64,68 @@ def test_legs_that_are_too_short_are_refused_with_the_height_of_the_steps():
         level_walk.planned(Config(), STOREYS)
 
 
-def test_a_body_that_falls_and_a_planner_of_world_models_are_refused():
+def test_a_body_that_falls_is_refused():
     with pytest.raises(ConfigError, match="dynamic"):
         level_walk.planned(Config(robot=RobotConfig(body="dynamic")), STOREYS)
-    planning = replace(Config().planning, mission=MissionConfig(planner=ON_LEVELS))
-    with pytest.raises(InputError, match="simulate"):
-        make(planning, [(1.0, 0.0)])
 
 
-@there
-def test_it_is_not_recorded(tmp_path):
-    with pytest.raises(InputError, match="--record"):
-        simulate(
-            fitted(Config(scene="storeys", robot=G1)), tmp_path / "run", True, lambda line: None
-        )
-
-
-@there
-def test_a_short_walk_leaves_poses_heights_and_the_ground_near_the_truth(tmp_path):
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory):
+    """The folder of a short recorded walk."""
     mission = MissionConfig(time_limit_s=6.0)
     config = fitted(Config(scene="storeys", seed=3, robot=G1, mission=mission))
-    summary = simulate(config, tmp_path / "run", False, lambda line: None, report=False)
+    out = tmp_path_factory.mktemp("levels") / "run"
+    summary = simulate(config, out, True, lambda line: None, report=False)
     assert summary.reached == (0, 1)
-    run = RunFolder.open(summary.folder)
-    true, found = run.read_trajectory("truth/trajectory.txt"), run.read_trajectory("trajectory.txt")
+    return RunFolder.open(summary.folder)
+
+
+@there
+def test_a_short_walk_leaves_poses_heights_and_the_ground_near_the_truth(walked):
+    true, found = (walked.read_trajectory(f"{place}trajectory.txt") for place in ("truth/", ""))
     away = found.positions - true.positions
     assert np.abs(away[:, 2]).max() < 0.005
     assert np.linalg.norm(away[:, :2], axis=1).max() < 0.1
-    table = run.read_csv("heights.csv")
+    table = walked.read_csv("heights.csv")
     assert (table.numbers("sigma_m") >= 0.0).all()
-    surfaces, _ = ground_file.load(run.path("ground.json"))
+    surfaces, _ = ground_file.load(walked.path("ground.json"))
     ahead = [s for s in surfaces if s.contains(np.array([0.2, 0.0]))]
     assert ahead
     assert abs(float(ahead[0].height_at(np.array([0.2, 0.0]))[0])) < 0.01
-    assert 'planner = "footholds"' in (summary.folder / "config.toml").read_text()
+    assert 'planner = "footholds"' in walked.path("config.toml").read_text()
+
+
+@there
+def test_its_recording_gives_the_same_poses_heights_and_ground_also_after_an_interruption(
+    walked, assert_same_offline, assert_same, tmp_path, monkeypatch
+):
+    assert_same_offline(walked.root)
+    config = load(walked.path("config.toml"))
+    whole, resumed = (tmp_path / name for name in ("whole", "resumed"))
+    process.process(walked.root, None, config, whole, lambda line: None)
+    told = []
+
+    def interrupt(line):
+        told.append(line)
+        if len(told) == 6:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(checkpoint, "EVERY_S", 0.0)
+    with pytest.raises(KeyboardInterrupt):
+        process.process(walked.root, None, config, resumed, interrupt)
+    process.process(walked.root, None, config, resumed, lambda line: None, resume=True)
+    assert_same(whole, resumed)
+
+
+@there
+def test_the_robot_stands_with_its_feet_where_they_are_while_it_has_no_pictures():
+    stand = Doubt("no pictures", STAND)
+    voxels = ObstacleMap().voxels
+    levels = Levels((), voxels, 1, 0, Pose2(), 0.0, (0.0, 0.0), np.full(3, 0.01))
+    world = WorldModel(Estimate(0.0, None, status=(stand,)), levels=levels)
+    step = Decision(WalkCommand(0.2, rise_m=0.1), GazeCommand(0.1, 0.2), "up")
+    cautious = Caution(robots.load("g1").model).apply(step, world)
+    assert cautious.walk.stay
+    assert cautious.gaze == step.gaze
+    slow = replace(world, estimate=Estimate(0.0, None, status=(Doubt("frozen", SLOW),)))
+    assert Caution(robots.load("g1").model).apply(step, slow) is step

@@ -51,7 +51,7 @@ def walked():
             true_m = robot.camera_in_world((0.0, 0.0, 0.0)).position[2]
             rows.append(
                 (
-                    body.true_height_m, risen, np.subtract(robot.foot_heights(), (left, right)),
+                    body.true_height_m, risen, np.subtract((frame.feet.left_m, frame.feet.right_m), (left, right)),
                     body.true_height_m + camera_m - true_m,
                 )
             )  # fmt: skip
