@@ -209,13 +209,15 @@ def near_moving_obstacles(
     return near
 
 
-def colours_of(view: SegmentedView, colour: ColourView | None) -> UInt8[np.ndarray, "n 3"] | None:
+def colours_of(
+    points: Points, depth: Depth, colour: ColourView | None
+) -> UInt8[np.ndarray, "n 3"] | None:
     """Colour of each point; grey outside the colour image; None without a colour camera."""
     if colour is None:
         return None
-    xyz = view.points.xyz
-    if view.depth.T_body_camera is not None and colour.T_body_camera is not None:
-        T_colour_depth = colour.T_body_camera.inverse() @ view.depth.T_body_camera
+    xyz = points.xyz
+    if depth.T_body_camera is not None and colour.T_body_camera is not None:
+        T_colour_depth = colour.T_body_camera.inverse() @ depth.T_body_camera
         xyz = T_colour_depth.apply(xyz)
     inside, u, v = _pixels(colour.camera, xyz)
     colours = colour.rgb.reshape(-1, 3).take(v * colour.rgb.shape[1] + u, axis=0)

@@ -20,9 +20,11 @@ from mapping.ground.ground_map import GroundMap
 from mapping.ground.levels import Levels, LevelView
 from mapping.ground.obstacles import ObstacleMap
 from mapping.io import ground_file
+from mapping.io.clouds import CloudBuilder
 from perception.depth import points
 from perception.depth.sources import DepthSources
 from perception.estimate import Estimate
+from perception.floor.segmented_view import colours_of
 from perception.localisation.legged_poses import LeggedLocaliser
 from perception.localisation.plane_scan import plane_scan
 from perception.localisation.registration import RegistrationReport
@@ -74,6 +76,7 @@ class LevelPipeline:
         start_m = START * config.robot_model.eye_m
         self._ground = GroundMap(replace(config.ground, start_m=start_m, forgets=False))
         self._obstacles = ObstacleMap()
+        self.cloud = CloudBuilder(config.cloud)
         self._watch, self._status = FrameWatch(info.own_body, walks=True), StatusBoard()
         self._walked = Pose2()  # the body by steps and gyro alone, which no scan makes jump
         self._stood: Pose2 | None = None  # the standing foot by the same
@@ -189,8 +192,12 @@ class LevelPipeline:
             with watch.stage("obstacles"):
                 cloud = points.from_depth(depth, near.nearest_m, near.farthest_m, near.stride)
                 self._obstacles.observe(cloud, depth, pose, self._camera_covariance)
-            T_map_body = lower @ self.pose_source.pose2.lifted()
-            views.append(LevelView(sensor, depth, T_map_body @ T_body_foot @ level))
+            T_map_foot = lower @ self.pose_source.pose2.lifted() @ T_body_foot
+            view = LevelView(sensor, depth, T_map_foot @ level)
+            with watch.stage("cloud"):
+                colours = colours_of(cloud, depth, frame.colour)
+                self.cloud.add(view.T_map_camera.apply(cloud.xyz), colours)
+            views.append(view)
         return report, tuple(views)
 
     def _height(self, feet: FeetReading) -> tuple[float, float]:

@@ -124,7 +124,7 @@ class RunMaps:
             floor=floor,
             pose=pose,
         )
-        colours = colours_of(view, frame.colour)
+        colours = colours_of(view.points, view.depth, frame.colour)
         self.cloud.add(view.upright, colours)
         still = np.flatnonzero(is_obstacle & ~is_moving)
         self.obstacle_cloud.add(

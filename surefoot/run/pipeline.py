@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from mapping.io.clouds import CloudBuilder
 from perception.depth import points
 from perception.depth.health import DepthHealth
 from perception.depth.sources import DepthSources
@@ -142,6 +143,11 @@ class Pipeline:
         )
         maps = self.maps
         return WorldModel(estimate, maps.grid, maps.confidence, maps.world, self.landmarks)
+
+    @property
+    def cloud(self) -> CloudBuilder:
+        """The points of the run."""
+        return self.maps.cloud
 
     def ground_entries(self) -> dict[str, Any] | None:
         """Content of ground.json; None where no map of surfaces is kept."""

@@ -186,6 +186,10 @@ class RunRecorder:
         self._close_tables(pipeline)
         if pipeline.maps is not None:
             self._write_maps(pipeline.maps)
+        points, colours = pipeline.cloud.cloud()
+        if len(points):
+            attributes = {"sightings": pipeline.cloud.sightings}
+            clouds.save_ply(folder.path("cloud.ply"), points, colours, attributes)
         ground = pipeline.ground_entries()
         if ground is not None:
             folder.write_json(ground_file.NAME, ground)
@@ -221,7 +225,7 @@ class RunRecorder:
             write_run_tables(folder)
 
     def _write_maps(self, maps: RunMaps) -> None:
-        """Write the maps of one floor, and the point cloud."""
+        """Write the maps of one floor."""
         folder, world = self._folder, maps.world
         nav2.save(folder.root, "map", world.probability, world.known, world.origin, world.cell_m)
         world_file.save(folder.root, world)
@@ -230,10 +234,6 @@ class RunRecorder:
             folder.write_json(ROOMS, room_entries(divided))
         if maps.grid is not None:
             grid_file.save(folder.path("terrain.npz"), maps.grid, maps.confidence)
-        points, colours = maps.cloud.cloud()
-        if len(points):
-            attributes = {"sightings": maps.cloud.sightings}
-            clouds.save_ply(folder.path("cloud.ply"), points, colours, attributes)
 
     def _command(self) -> str:
         """The command that repeats this run."""
