@@ -4,16 +4,17 @@ A planner decides by what it is told of the world. When the sensors contradict e
 too little, whichever planner it is: then the robot makes shorter steps, or stands until they agree again. The gaze
 stays the planner's, so that the cameras go on looking. A robot that only does not know where it is looks for what it
 knows: first the head turns to both sides, then the body turns on the spot. On ground of several levels every foot has its
-place, so a step is never shortened, and a robot that is to stand keeps its feet where they are. Source: ours.
+place, so a step cannot be shortened: the robot stands, and keeps its feet where they are. Source: ours.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from mapping.grid.evidence import OCCUPIED
-from perception.monitoring.status import LOST, SLOW, STAND
+from perception.monitoring.status import LOST, SLOW, STAND, Doubt
 from perception.primitives.robot_model import RobotModel
 
 from ..commands import GazeCommand, WalkCommand
@@ -23,6 +24,7 @@ from .planner import Decision
 
 SHORTER = 0.5  # ours: half a step leads along the same curve, and stops in half the way
 LOOKS = "look around"
+PAUSE = 6  # ours: steps left out between two on several levels, while the walk should be slower
 
 
 class Caution:
@@ -30,7 +32,7 @@ class Caution:
 
     def __init__(self, robot: RobotModel) -> None:
         self._robot = robot
-        self._looks = 0
+        self._looks = self._paused = 0
 
     def apply(self, decision: Decision, world: WorldModel) -> Decision:
         """The decision with a shorter footstep, or none, if a doubt asks for it.
@@ -40,11 +42,9 @@ class Caution:
             world: With the status.
         """
         status = world.estimate.status
-        stand = [one.words for one in status if one.asks == STAND]
         if world.levels is not None:
-            if not stand:
-                return decision
-            return replace(decision, walk=WalkCommand(stay=True), why=f"stand: {stand[0]}")
+            return self._on_levels(decision, status)
+        stand = [one.words for one in status if one.asks == STAND]
         self._looks = self._looks + 1 if stand == [LOST] else 0
         if self._looks:
             return self._look_around(decision, world)
@@ -61,6 +61,15 @@ class Caution:
             turn_rad=SHORTER * walk.turn_rad,
         )
         return replace(decision, walk=shorter, why=f"slow: {slow[0]}, {decision.why}")
+
+    def _on_levels(self, decision: Decision, status: Sequence[Doubt]) -> Decision:
+        """The decision, or to stay; only steps show that a doubt about them is over, so one is made now and then."""
+        stand = [one.words for one in status if one.asks == STAND]
+        slow = [one.words for one in status if one.asks == SLOW]
+        self._paused = self._paused + 1 if slow and self._paused < PAUSE else 0
+        if not stand and self._paused == 0:
+            return decision
+        return replace(decision, walk=WalkCommand(stay=True), why=f"stand: {(stand or slow)[0]}")
 
     def _look_around(self, decision: Decision, world: WorldModel) -> Decision:
         """The next look of a robot that is lost: by the head, then by turning the body where there is room."""

@@ -110,7 +110,7 @@ class Landing:
 class KinematicBody:
     """Walks by footsteps from a start pose; the members of `Body` are documented there.
 
-    On flat ground it never falls. On several levels it does where the middle of a sole has no ground below it, or where the
+    Without a command it stands; on several levels with its feet where they are. On flat ground it never falls. On several levels it does where the middle of a sole has no ground below it, or where the
     ground is lower or higher than commanded by more than the lift of a foot.
     """
 
@@ -290,7 +290,7 @@ class KinematicBody:
             last = self._step
             self._rest = (_pose(last.body[-1]), last.com[-1], last.com_velocity[-1])
             self._rest_m = (last.body_m[-1], last.lowered_m[-1], last.left_m[-1], last.right_m[-1])
-        command = self._command or WalkCommand()
+        command = self._command or WalkCommand(stay=self._ground is not None)
         self._command = None
         self._tick = 0
         self._rest_true = self.true_pose

@@ -57,6 +57,7 @@ def warm(say: Callable[[str], None]) -> None:
         _walkers_by_picture,
         _floors_and_steps,
         _levels,
+        _seldom,
         _robot_log,
         _walking_body,
         _camera_in_the_hand,
@@ -159,6 +160,33 @@ def _levels(rng: np.random.Generator) -> str:
         ground, Stance(-1, Pose2(0.2, 0.0)), np.array([1.2, 0.0]), 0.1, Config().robot_model, noise
     )
     return "levels"
+
+
+def _seldom(rng: np.random.Generator) -> str:
+    """The field with all additions, a mover too near for the guard, a search for the pose, and detections by geometry."""
+    from perception.localisation import scan_search
+    from perception.localisation.scan import Scan
+    from planning.commands import WalkCommand
+    from planning.safety import guard
+    from planning.univector import motion
+    from planning.univector.fields import FieldConfig
+    from sim.sensors.geometric_sensor import GeometricSensor
+
+    config, robot, goal = Config(), Gaussian(np.zeros(3), np.eye(3) * 1e-4), np.array([2.0, 0.0])
+    coming = Obstacle(
+        Gaussian(np.array([0.5, 0.1, -0.2, 0.0]), np.eye(4) * 1e-2), 0.1, moving=1.0, seen_s=0.0
+    )
+    motion.advise(robot, 0.06, [coming], goal, None, FieldConfig(), config.robot_model)
+    cells = np.array([[0.3, -0.2], [0.3, 0.4]])
+    guard.choose(WalkCommand(0.04), robot, [coming], cells, goal, config.guard, config.robot_model)
+    along = np.linspace(-1.0, 1.0, 50)
+    wall = np.column_stack([np.full(50, 2.0), along])
+    seen = Scan(wall, np.tile([-1.0, 0.0], (50, 1)), np.full(50, 0.003))
+    scan_search.find(seen, [(Pose2(), seen)], Gaussian(np.zeros(3), np.eye(3) * 1e-3))
+    sensor, discs = GeometricSensor(rng), np.array([[1.0, 0.0, 0.1], [1.5, 0.3, 0.1]])
+    sensor.look(discs, 0.0, 0.5, colour=True)
+    sensor.rays(discs, np.array([-3.0, -3.0, 3.0, 3.0]), np.zeros((1, 3)))
+    return "seldom"
 
 
 def _robot_log(rng: np.random.Generator) -> str:

@@ -27,12 +27,15 @@ class LevelTruth:
         self._clearances = RowStream(
             folder, "truth/clearance.csv", ("stamp_s", "clearance_m", "object")
         )
+        self._faults = RowStream(folder, "truth/faults.csv", ("stamp_s", "fault"))
         self._landings = RowStream(folder, "truth/footsteps.csv", LANDINGS)
 
     def note(
         self, stamp_s: float, faults: Sequence[str] = (), views: Sequence[object] = ()
     ) -> None:
-        """A frame; faults and views as for `TruthLog`, which are none here."""
+        """A frame; arguments as for `TruthLog`, there are no views here."""
+        for fault in faults:
+            self._faults.append((stamp_s, fault))
         pose = self._truth.robot_pose()
         height_m = self._robot.body.true_height_m
         self._poses.append((stamp_s, pose.x, pose.y, height_m, pose.yaw))
@@ -49,7 +52,8 @@ class LevelTruth:
 
         for table in (self._poses, self._clearances):
             table.close()
-        self._landings.close(keep_empty=False)
+        for table in (self._landings, self._faults):
+            table.close(keep_empty=False)
         pieces = [
             {"name": item.name, "top_m": part.top_m, "outline_m": outline(part).tolist()}
             for item in self._scene.static_objects

@@ -11,6 +11,9 @@ from perception.monitoring.status import SLOW, Doubt
 from perception.primitives.frame import Frame
 from perception.primitives.own_body import OwnBody
 
+GAP = "gap in stamps"
+"""What the status says of frames that are missing."""
+
 
 class FrameWatch:
     """Watches clock and pictures of one run.
@@ -33,5 +36,5 @@ class FrameWatch:
         if self._clock.set_back:
             doubts.append(Doubt("clock set back"))
         if self._clock.missing_s > 0.0 and self._walks:
-            doubts.append(Doubt("gap in stamps", SLOW))
+            doubts.append(Doubt(GAP, SLOW))
         return frame, doubts

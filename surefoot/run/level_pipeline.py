@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from mapping.ground.ground_map import GroundMap
 from mapping.ground.levels import Levels, LevelView
@@ -28,9 +29,10 @@ from perception.floor.segmented_view import colours_of
 from perception.localisation.legged_poses import LeggedLocaliser
 from perception.localisation.plane_scan import plane_scan
 from perception.localisation.registration import RegistrationReport
-from perception.monitoring.status import StatusBoard
+from perception.monitoring.agreement import Bias
+from perception.monitoring.status import SLOW, STAND, Doubt, StatusBoard
 from perception.primitives.errors import InputError
-from perception.primitives.frame import FeetReading, Frame
+from perception.primitives.frame import FeetReading, Frame, StepOdometry
 from perception.primitives.pose import Pose2, Pose3
 from perception.primitives.stopwatch import Stopwatch
 from perception.terrain import segmentation
@@ -38,7 +40,7 @@ from planning.world_model import WorldModel
 
 from ..config.schema import Config
 from ..recordings.recording import RecordingInfo
-from .frame_watch import FrameWatch
+from .frame_watch import GAP, FrameWatch
 from .pipeline import Pipeline, make_pose_source
 
 START = 5 / 12
@@ -48,6 +50,8 @@ RISE_SIGMA_M = 0.002  # ours: of a step, by the joints
 # Ours: of the trunk, beside tilt and height of the prior.
 SWAY_M, SWAY_RAD = 0.005, math.radians(0.5)
 SENSORS = ("tof", "depth")
+TILTS = 6  # ours: images whose tilt is compared with that of the joints together
+STILL_M, STILL_RAD = 0.003, math.radians(0.5)  # ours: beyond what encoders err
 
 
 class LevelPipeline:
@@ -81,6 +85,9 @@ class LevelPipeline:
         self._walked = Pose2()  # the body by steps and gyro alone, which no scan makes jump
         self._stood: Pose2 | None = None  # the standing foot by the same
         self._steps = 0.0
+        self._feet: FeetReading | None = None  # of the frame before
+        self._landed: FeetReading | None = None  # when the standing foot began to stand
+        self._tilts = Bias(2, TILTS)
         self._height_m2 = 0.0  # variance of the height of the ground below the standing foot
         noise, prior = config.localiser, config.prior
         step_sigma = np.array(
@@ -113,6 +120,9 @@ class LevelPipeline:
         with watch.stage("watch"):
             frame, doubts = self._watch.check(frame)
         with watch.stage("localise"):
+            if frame.odometry is None:
+                doubts.append(Doubt("no odometry"))
+            frame = self._bridged(frame, feet, any(one.words == GAP for one in doubts))
             before = self.pose_source.pose2
             report = self.pose_source.update(frame, ())
             self._walked = self._walked @ before.inverse() @ self.pose_source.pose2
@@ -122,6 +132,8 @@ class LevelPipeline:
         if frame.footstep_due:
             self._follow(feet)
             registration, views = self._observe(frame, feet, watch)
+            if not views:
+                doubts.append(Doubt("no depth", STAND))
             foot = feet.sole(self._levels.foot)
             with watch.stage("map"):
                 self._levels = replace(
@@ -133,6 +145,8 @@ class LevelPipeline:
         body_m = self._height(feet)
         self._levels = replace(self._levels, body_m=body_m, views=views)
         doubts += [] if report is None else report.doubts
+        if not self._tilts.agrees:
+            doubts.append(Doubt("camera and joints disagree", SLOW))
         estimate = Estimate(
             frame.stamp_s,
             self.pose_source.pose,
@@ -149,10 +163,22 @@ class LevelPipeline:
         now = self._levels
         return {**ground_file.entries(now.surfaces, now.stands), "body_height_m": now.ground_m}
 
+    def _bridged(self, frame: Frame, feet: FeetReading, gap: bool) -> Frame:
+        """The frame with its motion by the standing foot, where the steps do not tell that since the frame before."""
+        before, self._feet = self._feet, feet
+        if before is None or (frame.odometry is not None and not gap):
+            return frame
+        foot = self._levels.foot
+        motion = before.sole(foot) @ feet.sole(foot).inverse()
+        steps = float(_moved(before, feet))
+        odometry = StepOdometry(_flat(motion), steps, float(motion.translation[2]))
+        return replace(frame, odometry=odometry)
+
     def _follow(self, feet: FeetReading) -> None:
         """Move the frame of the maps to the foot that has landed."""
         levels = self._levels
-        now = -levels.foot if self._steps > 0.5 else levels.foot
+        landed = self._steps > 0.5 or (self._landed is not None and _moved(self._landed, feet))
+        now, self._landed = -levels.foot if landed else levels.foot, feet
         there = feet.sole(now)
         stands = self._walked @ _flat(there)
         if self._stood is None:
@@ -186,6 +212,8 @@ class LevelPipeline:
                 regions = segmentation.find(depth, near, self._floor, sensor)
                 pose = T_foot_body @ depth.T_body_camera
                 level = self._ground.observe(regions, pose, self._camera_covariance, depth.camera)
+                turn = Rotation.from_matrix(level.rotation @ pose.rotation.T).as_rotvec()[:2]
+                self._tilts.update(turn, self._camera_covariance[3:5, 3:5])
             with watch.stage("register"):
                 scan = plane_scan(regions, T_body_foot @ level)
                 report = self.pose_source.register_scan(scan, depth.T_body_camera) or report
@@ -204,6 +232,15 @@ class LevelPipeline:
         """Height of the body frame above the ground of the start, and its standard deviation, m."""
         sole_m = float(feet.sole(self._levels.foot).translation[2])
         return self._levels.ground_m - sole_m, math.sqrt(self._height_m2)
+
+
+def _moved(before: FeetReading, now: FeetReading) -> bool:
+    """Whether a foot stands elsewhere beside the other one than before."""
+    one, other = (each.left.inverse() @ each.right for each in (before, now))
+    rise_m = (now.right_m - now.left_m) - (before.right_m - before.left_m)
+    away_m = math.hypot(other.x - one.x, other.y - one.y)
+    turn_rad = abs((one.inverse() @ other).yaw)
+    return max(away_m, abs(rise_m)) > STILL_M or turn_rad > STILL_RAD
 
 
 def make_pipeline(config: Config, info: RecordingInfo) -> Pipeline | LevelPipeline:

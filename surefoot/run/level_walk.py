@@ -35,7 +35,6 @@ def planned(config: Config, scene: Scene) -> Config:
         "robot.body='dynamic' is not led over levels; set 'kinematic'": config.robot.body == "dynamic",
         "mission.wander needs a map of one floor; leave it out": mission.wander,
         "mission.headings_deg: it arrives with any heading; leave them out": bool(mission.headings_deg),
-        "faults.inject is not noticed there; leave it out": bool(config.faults.inject),
         "moving objects are not seen there; choose a scene without": bool(scene.moving_objects),
         "it needs a depth camera; choose --robot g1": not (config.robot.tof or _has_depth_camera(config)),
     }  # fmt: skip

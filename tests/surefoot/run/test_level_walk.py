@@ -15,10 +15,11 @@ from perception.monitoring.status import SLOW, STAND, Doubt
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2
 from planning.commands import GazeCommand, WalkCommand
-from planning.planners.caution import Caution
+from planning.planners.caution import PAUSE, Caution
 from planning.planners.mission import ON_LEVELS, MissionConfig
 from planning.planners.planner import Decision
 from planning.world_model import WorldModel
+from sim.faults.injection import FaultConfig
 from sim.robot_config import RobotConfig
 from sim.robots import catalogue as robots
 from sim.robots import installed
@@ -26,8 +27,10 @@ from sim.scenes import catalogue
 from surefoot.config.load import load
 from surefoot.config.presets import fitted
 from surefoot.config.schema import Config
+from surefoot.recordings.open import open_recording
 from surefoot.results.run_folder import RunFolder
 from surefoot.run import checkpoint, level_walk, process
+from surefoot.run.level_pipeline import LevelPipeline
 from surefoot.run.simulate import simulate
 
 there = pytest.mark.skipif(
@@ -128,4 +131,46 @@ def test_the_robot_stands_with_its_feet_where_they_are_while_it_has_no_pictures(
     assert cautious.walk.stay
     assert cautious.gaze == step.gaze
     slow = replace(world, estimate=Estimate(0.0, None, status=(Doubt("frozen", SLOW),)))
-    assert Caution(robots.load("g1").model).apply(step, slow) is step
+    caution = Caution(robots.load("g1").model)
+    stays = [caution.apply(step, slow).walk.stay for _ in range(2 * (PAUSE + 1))]
+    assert stays == 2 * ([True] * PAUSE + [False])
+
+
+@there
+def test_frames_that_are_lost_are_bridged_by_the_feet(walked):
+    """Every third frame is gone with its odometry, also such in which a foot has landed."""
+    config, recording = load(walked.path("config.toml")), open_recording(walked.root)
+    frames = list(recording.frames())
+    kept = [frame for k, frame in enumerate(frames) if k % 3 != 1]
+    assert any(frame.footstep_due for k, frame in enumerate(frames) if k % 3 == 1)
+    whole, broken = (LevelPipeline(config, recording.info) for _ in range(2))
+    worlds = {frame.stamp_s: whole.cycle(frame) for frame in frames}
+    errors = []
+    for frame in kept:
+        world, true = broken.cycle(frame), worlds[frame.stamp_s]
+        off = world.pose.mean - true.pose.mean
+        errors.append(float(np.hypot(*off[:2])))
+        assert world.levels.body_m[0] == pytest.approx(true.levels.body_m[0], abs=1e-6)
+    assert max(errors) < 0.02
+
+
+@there
+def test_without_pictures_the_feet_stay_where_they_are_and_the_status_says_why(tmp_path):
+    mission, faults = MissionConfig(time_limit_s=9.0), FaultConfig(("blackout",), 5.0, 3.0)
+    config = fitted(Config(scene="storeys", seed=3, robot=G1, mission=mission, faults=faults))
+    out = tmp_path / "run"
+    simulate(config, out, False, lambda line: None, report=False)
+    run = RunFolder.open(out)
+    dark_s = run.read_csv("truth/faults.csv").numbers("stamp_s")
+    table = run.read_csv("status.csv")
+    began = [
+        s
+        for s, event in zip(table.numbers("stamp_s"), table.words("event"), strict=True)
+        if event == "begins"
+    ]
+    assert min(began) - dark_s.min() < 2.0
+    true = run.read_trajectory("truth/trajectory.txt")
+    dark = (true.stamps > dark_s.min() + 1.5) & (true.stamps <= dark_s.max())
+    assert dark.sum() >= 2
+    stood = true.positions[dark]
+    assert np.abs(stood - stood[0]).max() < 0.01
