@@ -24,7 +24,7 @@ from .planner import Decision
 
 SHORTER = 0.5  # ours: half a step leads along the same curve, and stops in half the way
 LOOKS = "look around"
-PAUSE = 6  # ours: steps left out between two on several levels, while the walk should be slower
+PAUSE = 3  # ours: steps left out between two on several levels, while the walk should be slower
 
 
 class Caution:
@@ -63,9 +63,12 @@ class Caution:
         return replace(decision, walk=shorter, why=f"slow: {slow[0]}, {decision.why}")
 
     def _on_levels(self, decision: Decision, status: Sequence[Doubt]) -> Decision:
-        """The decision, or to stay; only steps show that a doubt about them is over, so one is made now and then."""
-        stand = [one.words for one in status if one.asks == STAND]
-        slow = [one.words for one in status if one.asks == SLOW]
+        """The decision, or to stay; only steps show that a doubt about them is over, so one is made now and then.
+
+        A robot that is lost still knows the ground at its feet.
+        """
+        stand = [one.words for one in status if one.asks == STAND and one.words != LOST]
+        slow = [one.words for one in status if one.asks == SLOW or one.words == LOST]
         self._paused = self._paused + 1 if slow and self._paused < PAUSE else 0
         if not stand and self._paused == 0:
             return decision

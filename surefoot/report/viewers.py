@@ -68,7 +68,8 @@ def write_rerun(run: RunFolder, out: Path) -> Path:
 def _log(rr: Any, stream: Any, moment: Moment) -> None:
     """One moment."""
     if moment.pose is not None:
-        body = Pose2(*moment.pose.mean.tolist()).lifted()
+        height_m = 0.0 if moment.heights_m is None else float(moment.heights_m[0])
+        body = Pose3((0.0, 0.0, height_m)) @ Pose2(*moment.pose.mean.tolist()).lifted()
         stream.log("map/body", _transform(rr, body), rr.TransformAxes3D(0.2))
         sigma = np.sqrt(np.diag(moment.pose.covariance))
         for name, value in zip(("x_m", "y_m", "yaw_rad"), sigma, strict=True):
@@ -92,6 +93,9 @@ def _log(rr: Any, stream: Any, moment: Moment) -> None:
         stream.log("camera", picture)
     if moment.grid is not None:
         stream.log("map/obstacles", _cells(rr, moment.grid))
+    if moment.surfaces is not None:
+        outlines = [np.vstack([one.corners, one.corners[:1]]) for one in moment.surfaces]
+        stream.log("map/surfaces", rr.LineStrips3D(outlines, colors=GREY))
     stream.log("map/tracks", _tracks(rr, moment))
     if moment.why:
         route = np.pad(moment.route, ((0, 0), (0, 1)))

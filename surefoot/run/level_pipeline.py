@@ -49,6 +49,8 @@ GROUND_M = 2.2  # ours: depth to which edges are believed; farther ones, seen of
 RISE_SIGMA_M = 0.002  # ours: of a step, by the joints
 # Ours: of the trunk, beside tilt and height of the prior.
 SWAY_M, SWAY_RAD = 0.005, math.radians(0.5)
+UNSEEN_STEP = np.diag(np.square([0.2, 0.1, 0.3, 0.1]))
+"""Ours: covariance of a step that nobody saw: ahead, across, m, heading, rad, and rise, m."""
 SENSORS = ("tof", "depth")
 TILTS = 6  # ours: images whose tilt is compared with that of the joints together
 STILL_M, STILL_RAD = 0.003, math.radians(0.5)  # ours: beyond what encoders err
@@ -169,10 +171,24 @@ class LevelPipeline:
         if before is None or (frame.odometry is not None and not gap):
             return frame
         foot = self._levels.foot
+        if feet.lifted[0 if foot > 0 else 1]:
+            self._missed(feet)
+            return frame
         motion = before.sole(foot) @ feet.sole(foot).inverse()
         steps = float(_moved(before, feet))
         odometry = StepOdometry(_flat(motion), steps, float(motion.translation[2]))
-        return replace(frame, odometry=odometry)
+        imu = None if gap else frame.imu  # that of a part of the time would contradict the feet
+        return replace(frame, odometry=odometry, imu=imu)
+
+    def _missed(self, feet: FeetReading) -> None:
+        """Go on from the other foot, whose landing nobody saw: the ground is where it was to within a step."""
+        levels = self._levels
+        self._ground.move(Pose2(), 0.0, UNSEEN_STEP)
+        self._obstacles.move(Pose2(), 0.0, UNSEEN_STEP)
+        self._height_m2 += float(UNSEEN_STEP[3, 3])
+        self._levels = replace(levels, foot=-levels.foot, landings=levels.landings + 1)
+        self._stood = self._walked @ _flat(feet.sole(-levels.foot))
+        self._landed, self._steps = None, 0.0
 
     def _follow(self, feet: FeetReading) -> None:
         """Move the frame of the maps to the foot that has landed."""

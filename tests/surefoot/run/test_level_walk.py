@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from mapping.ground.levels import Levels
 from mapping.ground.obstacles import ObstacleMap
@@ -74,8 +75,8 @@ def test_a_body_that_falls_is_refused():
 
 @pytest.fixture(scope="module")
 def walked(tmp_path_factory):
-    """The folder of a short recorded walk."""
-    mission = MissionConfig(time_limit_s=6.0)
+    """The folder of a short recorded walk: the robot looks about for five seconds, then it makes some steps."""
+    mission = MissionConfig(time_limit_s=9.5)
     config = fitted(Config(scene="storeys", seed=3, robot=G1, mission=mission))
     out = tmp_path_factory.mktemp("levels") / "run"
     summary = simulate(config, out, True, lambda line: None, report=False)
@@ -136,22 +137,36 @@ def test_the_robot_stands_with_its_feet_where_they_are_while_it_has_no_pictures(
     assert stays == 2 * ([True] * PAUSE + [False])
 
 
-@there
-def test_frames_that_are_lost_are_bridged_by_the_feet(walked):
-    """Every third frame is gone with its odometry, also such in which a foot has landed."""
+def run_without(walked, lost):
+    """What the pipeline makes of the frames that are left, beside what it makes of all: pairs of world models."""
     config, recording = load(walked.path("config.toml")), open_recording(walked.root)
     frames = list(recording.frames())
-    kept = [frame for k, frame in enumerate(frames) if k % 3 != 1]
-    assert any(frame.footstep_due for k, frame in enumerate(frames) if k % 3 == 1)
     whole, broken = (LevelPipeline(config, recording.info) for _ in range(2))
-    worlds = {frame.stamp_s: whole.cycle(frame) for frame in frames}
-    errors = []
-    for frame in kept:
-        world, true = broken.cycle(frame), worlds[frame.stamp_s]
-        off = world.pose.mean - true.pose.mean
-        errors.append(float(np.hypot(*off[:2])))
-        assert world.levels.body_m[0] == pytest.approx(true.levels.body_m[0], abs=1e-6)
-    assert max(errors) < 0.02
+    known = {frame.stamp_s: whole.cycle(frame) for frame in frames}
+    gone = [k for k, frame in enumerate(frames) if lost(k, frame)]
+    left = [frame for k, frame in enumerate(frames) if k not in gone]
+    assert len(gone) >= 2
+    return [(broken.cycle(frame), known[frame.stamp_s]) for frame in left]
+
+
+@there
+def test_frames_lost_on_the_way_of_a_foot_are_bridged_by_the_other(walked):
+    for world, true in run_without(walked, lambda k, frame: not frame.footstep_due and k % 4 == 0):
+        assert np.hypot(*(world.pose.mean - true.pose.mean)[:2]) < 0.02
+        assert world.levels.landings == true.levels.landings
+        assert world.levels.foot == true.levels.foot
+
+
+@there
+def test_a_landing_that_nobody_saw_makes_ground_and_height_uncertain(walked):
+    pairs = run_without(walked, lambda k, frame: frame.footstep_due and k in (15, 19))
+    assert pairs[-1][0].levels.foot == pairs[-1][1].levels.foot
+    assert pairs[-1][0].levels.landings == pairs[-1][1].levels.landings
+    world, true = pairs[-1]
+    height_m, sigma_m = world.levels.body_m
+    assert abs(height_m - true.levels.body_m[0]) < 3.0 * sigma_m
+    off = world.pose.mean - true.pose.mean
+    assert off @ np.linalg.solve(world.pose.covariance, off) < chi2.ppf(0.999, 3)
 
 
 @there
