@@ -118,7 +118,7 @@ def _stretches(mask: np.ndarray, first: Float[np.ndarray, "2"], side: Side) -> l
     kept = ~binary_opening(seen.mean(axis=1) >= OPEN, np.ones(round(OPEN_M / CELL_M), np.bool_))
     turns = np.flatnonzero(np.diff(kept.astype(np.int8), prepend=0, append=0))
     found = []
-    for begin, end in turns.reshape(-1, 2):
+    for begin, end in turns.reshape(-1, 2).tolist():
         reach = (low + begin * CELL_M, high if end == len(runs) else low + end * CELL_M)
         found.append(replace(side, reach=reach))
     return found

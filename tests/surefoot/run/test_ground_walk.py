@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from sim.robots import catalogue, installed
 from sim.scenes import stairs
 from sim.scenes.stairs import Level, Terrain
 from surefoot.experiments.joint import stairs_walk
 
-pytestmark = pytest.mark.skipif(
-    installed.folder(catalogue.load(stairs_walk.MODEL).package) is None, reason=installed.EXTRA
-)
+CLIMBER = Path(__file__).parents[2] / "little_robot" / "climber.toml"
+"""The humanoid of boxes with a depth camera and legs that step up."""
 
 
 def kerb(riser_m: float) -> Terrain:
@@ -25,7 +25,8 @@ def walks():
     with pytest.MonkeyPatch.context() as patch:
         for riser_m in (0.08, 0.25):
             patch.setattr(stairs, "terrain", lambda kind, seed, r=riser_m: kerb(r))
-            patch.setattr(stairs_walk, "MOST_STEPS", 25)
+            patch.setattr(stairs_walk, "MOST_STEPS", 40)
+            patch.setattr(stairs_walk, "MODEL", str(CLIMBER))
             found[riser_m] = stairs_walk.walk(0)
     return found
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,8 +23,7 @@ from planning.planners.planner import Decision
 from planning.world_model import WorldModel
 from sim.faults.injection import FaultConfig
 from sim.robot_config import RobotConfig
-from sim.robots import catalogue as robots
-from sim.robots import installed
+from sim.robots import catalogue as catalogue_of_robots
 from sim.scenes import catalogue
 from surefoot.config.load import load
 from surefoot.config.presets import fitted
@@ -34,22 +34,19 @@ from surefoot.run import checkpoint, level_walk, process
 from surefoot.run.level_pipeline import LevelPipeline
 from surefoot.run.simulate import simulate
 
-there = pytest.mark.skipif(
-    installed.folder(robots.load("g1").package) is None, reason=installed.EXTRA
-)
-G1 = RobotConfig(model="g1", colour=False, stereo=False, tof_source="rays")
+CLIMBER = Path(__file__).parents[2] / "little_robot" / "climber.toml"
+"""The humanoid of boxes with a depth camera and legs that step up."""
+ROBOT = RobotConfig(model=str(CLIMBER), colour=False, stereo=False, tof_source="rays")
 STOREYS = catalogue.load("storeys", 3)
 
 
-@there
 def test_the_scene_chooses_the_planner_and_flat_ones_keep_theirs():
-    config = Config(robot=G1, scene="storeys")
+    config = Config(robot=ROBOT, scene="storeys")
     assert level_walk.planned(config, STOREYS).mission.planner == ON_LEVELS
     flat = Config()
     assert level_walk.planned(flat, catalogue.load("boxes", 0)) is flat
 
 
-@there
 @pytest.mark.parametrize(
     ("mission", "match"),
     [
@@ -60,7 +57,7 @@ def test_the_scene_chooses_the_planner_and_flat_ones_keep_theirs():
 )
 def test_what_does_not_go_with_it_is_refused(mission, match):
     with pytest.raises(ConfigError, match=match):
-        level_walk.planned(Config(robot=G1, mission=mission), STOREYS)
+        level_walk.planned(Config(robot=ROBOT, mission=mission), STOREYS)
 
 
 def test_legs_that_are_too_short_are_refused_with_the_height_of_the_steps():
@@ -77,14 +74,13 @@ def test_a_body_that_falls_is_refused():
 def walked(tmp_path_factory):
     """The folder of a short recorded walk: the robot looks about for five seconds, then it makes some steps."""
     mission = MissionConfig(time_limit_s=9.5)
-    config = fitted(Config(scene="storeys", seed=3, robot=G1, mission=mission))
+    config = fitted(Config(scene="storeys", seed=3, robot=ROBOT, mission=mission))
     out = tmp_path_factory.mktemp("levels") / "run"
     summary = simulate(config, out, True, lambda line: None, report=False)
     assert summary.reached == (0, 1)
     return RunFolder.open(summary.folder)
 
 
-@there
 def test_a_short_walk_leaves_poses_heights_and_the_ground_near_the_truth(walked):
     true, found = (walked.read_trajectory(f"{place}trajectory.txt") for place in ("truth/", ""))
     away = found.positions - true.positions
@@ -99,7 +95,6 @@ def test_a_short_walk_leaves_poses_heights_and_the_ground_near_the_truth(walked)
     assert 'planner = "footholds"' in walked.path("config.toml").read_text()
 
 
-@there
 def test_its_recording_gives_the_same_poses_heights_and_ground_also_after_an_interruption(
     walked, assert_same_offline, assert_same, tmp_path, monkeypatch
 ):
@@ -121,18 +116,17 @@ def test_its_recording_gives_the_same_poses_heights_and_ground_also_after_an_int
     assert_same(whole, resumed)
 
 
-@there
 def test_the_robot_stands_with_its_feet_where_they_are_while_it_has_no_pictures():
     stand = Doubt("no pictures", STAND)
     voxels = ObstacleMap().voxels
     levels = Levels((), voxels, 1, 0, Pose2(), 0.0, (0.0, 0.0), np.full(3, 0.01))
     world = WorldModel(Estimate(0.0, None, status=(stand,)), levels=levels)
     step = Decision(WalkCommand(0.2, rise_m=0.1), GazeCommand(0.1, 0.2), "up")
-    cautious = Caution(robots.load("g1").model).apply(step, world)
+    cautious = Caution(catalogue_of_robots.read(CLIMBER).model).apply(step, world)
     assert cautious.walk.stay
     assert cautious.gaze == step.gaze
     slow = replace(world, estimate=Estimate(0.0, None, status=(Doubt("frozen", SLOW),)))
-    caution = Caution(robots.load("g1").model)
+    caution = Caution(catalogue_of_robots.read(CLIMBER).model)
     stays = [caution.apply(step, slow).walk.stay for _ in range(2 * (PAUSE + 1))]
     assert stays == 2 * ([True] * PAUSE + [False])
 
@@ -149,7 +143,6 @@ def run_without(walked, lost):
     return [(broken.cycle(frame), known[frame.stamp_s]) for frame in left]
 
 
-@there
 def test_frames_lost_on_the_way_of_a_foot_are_bridged_by_the_other(walked):
     for world, true in run_without(walked, lambda k, frame: not frame.footstep_due and k % 4 == 0):
         assert np.hypot(*(world.pose.mean - true.pose.mean)[:2]) < 0.02
@@ -157,7 +150,6 @@ def test_frames_lost_on_the_way_of_a_foot_are_bridged_by_the_other(walked):
         assert world.levels.foot == true.levels.foot
 
 
-@there
 def test_a_landing_that_nobody_saw_makes_ground_and_height_uncertain(walked):
     pairs = run_without(walked, lambda k, frame: frame.footstep_due and k in (15, 19))
     assert pairs[-1][0].levels.foot == pairs[-1][1].levels.foot
@@ -169,10 +161,9 @@ def test_a_landing_that_nobody_saw_makes_ground_and_height_uncertain(walked):
     assert off @ np.linalg.solve(world.pose.covariance, off) < chi2.ppf(0.999, 3)
 
 
-@there
 def test_without_pictures_the_feet_stay_where_they_are_and_the_status_says_why(tmp_path):
     mission, faults = MissionConfig(time_limit_s=9.0), FaultConfig(("blackout",), 5.0, 3.0)
-    config = fitted(Config(scene="storeys", seed=3, robot=G1, mission=mission, faults=faults))
+    config = fitted(Config(scene="storeys", seed=3, robot=ROBOT, mission=mission, faults=faults))
     out = tmp_path / "run"
     simulate(config, out, False, lambda line: None, report=False)
     run = RunFolder.open(out)
