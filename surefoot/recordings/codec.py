@@ -39,6 +39,7 @@ from .recording import FrameError
 RANGE_UNITS_PER_METRE = 2**14 / 5.0  # 0.31 mm: 14 bits over the 5 m of an SR4000; up to 20 m
 DEPTH_UNITS_PER_METRE = 5000.0  # 0.2 mm: exact for TUM's unit and for millimetres; up to 13.1 m
 LARGEST = 1e12  # of any number in a frame: s, m, rad; more is damage
+FEET_M = 10.0  # of any number about the feet in the body frame; more is damage
 NONE = 0  # value of pixels without depth
 _AMPLITUDE_NONE = 65535
 _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 92]
@@ -264,6 +265,8 @@ def fault_of(frame: Frame) -> str | None:
     if frame.feet is not None:
         feet = frame.feet
         values["feet"] = (*feet.left.vector, *feet.right.vector, feet.left_m, feet.right_m)
+        if not all(abs(number) < FEET_M for number in values["feet"]):
+            return f"feet is {values['feet']}; feet within {FEET_M:.0f} m of the body were expected"
     poses = {"T_world_camera": frame.T_world_camera}
     if frame.joints is not None:
         values["joints"] = frame.joints.angles

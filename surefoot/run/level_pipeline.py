@@ -217,7 +217,7 @@ class LevelPipeline:
         """Fuse the depth images of a frame into the maps and the pose."""
         T_body_foot = feet.sole(self._levels.foot)
         T_foot_body = T_body_foot.inverse()
-        lower = _raised(self._height(feet)[0])
+        raised = Pose3((0.0, 0.0, self._height(feet)[0]))
         report, views = None, []
         for sensor, depth in self._depths.images(frame, watch.stage):
             if depth.T_body_camera is None:
@@ -236,7 +236,7 @@ class LevelPipeline:
             with watch.stage("obstacles"):
                 cloud = points.from_depth(depth, near.nearest_m, near.farthest_m, near.stride)
                 self._obstacles.observe(cloud, depth, pose, self._camera_covariance)
-            T_map_foot = lower @ self.pose_source.pose2.lifted() @ T_body_foot
+            T_map_foot = raised @ self.pose_source.pose2.lifted() @ T_body_foot
             view = LevelView(sensor, depth, T_map_foot @ level)
             with watch.stage("cloud"):
                 colours = colours_of(cloud, depth, frame.colour)
@@ -262,10 +262,6 @@ def _moved(before: FeetReading, now: FeetReading) -> bool:
 def make_pipeline(config: Config, info: RecordingInfo) -> Pipeline | LevelPipeline:
     """The pipeline for the ground of a recording or a live run."""
     return LevelPipeline(config, info) if info.levels else Pipeline(config, info)
-
-
-def _raised(height_m: float) -> Pose3:
-    return Pose3((0.0, 0.0, height_m))
 
 
 def _flat(pose: Pose3) -> Pose2:

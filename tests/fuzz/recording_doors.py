@@ -10,13 +10,22 @@ import cv2
 import numpy as np
 
 from perception.primitives.camera import Camera
-from perception.primitives.frame import ColourView, DepthView, Frame, Imu, StepOdometry
+from perception.primitives.frame import (
+    ColourView,
+    DepthView,
+    FeetReading,
+    Frame,
+    Imu,
+    StepOdometry,
+)
 from perception.primitives.pose import Pose2, Pose3
+from surefoot.config.schema import Config
 from surefoot.recordings.codec import encode
 from surefoot.recordings.mcap_format import RecordingWriter
 from surefoot.recordings.open import open_recording
 from surefoot.recordings.recording import RecordingInfo
 from surefoot.recordings.robot_log import open_robot_log
+from surefoot.run.level_pipeline import make_pipeline
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "surefoot" / "recordings"))
 
@@ -184,6 +193,39 @@ def recording(folder: Path) -> None:
             writer.write(encode(frame))
 
 
+def climb(folder: Path) -> None:
+    """As `simulate storeys --record`: a step of 8 cm before the robot, and where its feet are."""
+    camera = Camera.from_view(64, 48, 1.2, 0.9)
+    tilt = 0.7
+    right, ahead = [0.0, -1.0, 0.0], [np.cos(tilt), 0.0, -np.sin(tilt)]
+    T = Pose3.from_rotation(
+        np.column_stack([right, np.cross(ahead, right), ahead]), np.array([0.0, 0.0, 1.0])
+    )
+    rays = camera.rays @ T.rotation.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        floor, step = (
+            np.where(rays[..., 2] < 0.0, (z - 1.0) / rays[..., 2], np.inf) for z in (0.0, 0.08)
+        )
+        riser = np.where(rays[..., 0] > 0.0, 0.8 / rays[..., 0], np.inf)
+    z = np.where(step * rays[..., 0] > 0.8, step, np.minimum(floor, riser))
+    start = {"start": Pose2(), "start_covariance": 1e-4 * np.eye(3), "calibrated": True}
+    info = RecordingInfo("climb", "simulation", levels=True, **start)
+    rng = np.random.default_rng(3)
+    with RecordingWriter(folder / "recording.mcap", info) as writer:
+        for k in range(6):
+            noisy = (z + rng.normal(0.0, 0.002, z.shape)).astype(np.float32)
+            sign = 1.0 if k % 2 else -1.0
+            frame = Frame(
+                0.5 * k,
+                depth=DepthView(noisy, camera, T),
+                odometry=StepOdometry(Pose2(0.05, 0.0, 0.0), 1.0),
+                imu=Imu(np.zeros(3), np.array([0.0, 0.0, 9.81])),
+                footstep_due=True,
+                feet=FeetReading(Pose2(0.025 * sign, 0.1), Pose2(-0.025 * sign, -0.1)),
+            )
+            writer.write(encode(frame))
+
+
 def mrclam(folder: Path) -> None:
     """As MRCLAM."""
     files = {
@@ -218,6 +260,14 @@ def frames(folder: Path) -> None:
         pass
 
 
+def levels(folder: Path) -> None:
+    """Every frame of a recording over several levels, by the pipeline for such ground."""
+    found = open_recording(folder)
+    pipeline = make_pipeline(Config(), found.info)
+    for frame in found.frames():
+        pipeline.cycle(frame)
+
+
 def frames_of_each(pattern: str):
     """Every frame of every recording in the folder."""
 
@@ -245,6 +295,7 @@ DOORS = {
     "stereo": Door(stereo, frames_of_each("*")),
     "pcd": Door(cloud, frames_of_each("*.pcd")),
     "mcap": Door(recording, frames),
+    "levels": Door(climb, levels, slow=True),
     "ros1": Door(lambda folder: write_bag(folder / "a", "ros1", 2), frames_of_each("*.bag")),
     "ros2": Door(lambda folder: write_bag(folder / "a", "ros2", 2), frames_of_each("a")),
     "ros2_mcap": Door(lambda folder: write_bag(folder / "a", "mcap", 2), frames_of_each("a")),
