@@ -28,7 +28,10 @@ from sim.scenes import catalogue
 from surefoot.config.load import load
 from surefoot.config.presets import fitted
 from surefoot.config.schema import Config
+from surefoot.mcap_file import messages
 from surefoot.recordings.open import open_recording
+from surefoot.results.moment_drawings import SURFACES
+from surefoot.results.moments import ESTIMATES, read_moments
 from surefoot.results.run_folder import RunFolder
 from surefoot.run import checkpoint, level_walk, process
 from surefoot.run.level_pipeline import LevelPipeline
@@ -93,6 +96,16 @@ def test_a_short_walk_leaves_poses_heights_and_the_ground_near_the_truth(walked)
     assert ahead
     assert abs(float(ahead[0].height_at(np.array([0.2, 0.0]))[0])) < 0.01
     assert 'planner = "footholds"' in walked.path("config.toml").read_text()
+
+
+def test_viewers_get_the_surfaces_at_their_heights(walked):
+    topics = {topic for topic, _ in messages(walked.path(ESTIMATES))}
+    assert SURFACES in topics
+    seen = [one for one in read_moments(walked) if one.surfaces]
+    assert seen
+    lowest = min(float(one.corners[:, 2].min()) for one in seen[-1].surfaces)
+    assert abs(lowest) < 0.01  # the floor on which the walk began
+    assert all(one.heights_m is not None for one in read_moments(walked))
 
 
 def test_its_recording_gives_the_same_poses_heights_and_ground_also_after_an_interruption(
