@@ -34,9 +34,8 @@ PATIENCE = 2  # ours: steps more than a turn about takes that lead nowhere befor
 SOMEWHERE_M = 0.5  # ours: from where it was, of a step that leads somewhere
 LINGERS, THOROUGH = 6, 20 * NODES
 """Ours: steps that lead nowhere, after which a search may take so many nodes."""
-LEAST_GAIN = (
-    0.5  # ours: of a longest step, for which a step to the border of what is known is worth it
-)
+LEAST_GAIN = 0.5
+"""Ours: of a longest step, for which a step to the border of what is known is worth it."""
 AHEAD = 3  # ours: footsteps at which the gaze is directed
 LEVEL_M = 0.01  # ours: a step that rises by less is level
 

@@ -2,7 +2,8 @@
 
 Five planners implement it: `search_planner` (grid search and univector field), `field_planner` (univector field
 to the goal), `swarm_planner` (seed 000, by one colour camera), `avoidance_planner` (seed 004), `foothold_planner`
-(ground of several levels). A planner of your own needs the five members below and a constructor that takes `PlanningConfig` and the goals.
+(ground of several levels). A planner of your own needs the five members below and a constructor that takes
+`PlanningConfig` and the goals.
 """
 
 from __future__ import annotations

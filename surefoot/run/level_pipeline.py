@@ -124,10 +124,15 @@ class LevelPipeline:
         with watch.stage("localise"):
             if frame.odometry is None:
                 doubts.append(Doubt("no odometry"))
-            frame = self._bridged(frame, feet, any(one.words == GAP for one in doubts))
+            gap = any(one.words == GAP for one in doubts)
+            missed = self._missed(feet) if gap or frame.odometry is None else False
+            frame = frame if missed else self._bridged(frame, feet, gap)
+            self._feet = feet
             before = self.pose_source.pose2
             report = self.pose_source.update(frame, ())
             self._walked = self._walked @ before.inverse() @ self.pose_source.pose2
+            if missed:
+                self._stood = self._walked @ _flat(feet.sole(self._levels.foot))
         registration: RegistrationReport | None = None
         views: tuple[LevelView, ...] = ()
         self._steps += 0.0 if frame.odometry is None else frame.odometry.steps
@@ -167,28 +172,30 @@ class LevelPipeline:
 
     def _bridged(self, frame: Frame, feet: FeetReading, gap: bool) -> Frame:
         """The frame with its motion by the standing foot, where the steps do not tell that since the frame before."""
-        before, self._feet = self._feet, feet
+        before = self._feet
         if before is None or (frame.odometry is not None and not gap):
             return frame
         foot = self._levels.foot
-        if feet.lifted[0 if foot > 0 else 1]:
-            self._missed(feet)
-            return frame
         motion = before.sole(foot) @ feet.sole(foot).inverse()
         steps = float(_moved(before, feet))
         odometry = StepOdometry(_flat(motion), steps, float(motion.translation[2]))
         imu = None if gap else frame.imu  # that of a part of the time would contradict the feet
         return replace(frame, odometry=odometry, imu=imu)
 
-    def _missed(self, feet: FeetReading) -> None:
-        """Go on from the other foot, whose landing nobody saw: the ground is where it was to within a step."""
+    def _missed(self, feet: FeetReading) -> bool:
+        """Whether the foot that should stand is in the air: the landing of the other one got lost.
+
+        Then the walk goes on from that one, and the ground is where it was to within a step.
+        """
         levels = self._levels
+        if not feet.lifted[0 if levels.foot > 0 else 1]:
+            return False
         self._ground.move(Pose2(), 0.0, UNSEEN_STEP)
         self._obstacles.move(Pose2(), 0.0, UNSEEN_STEP)
         self._height_m2 += float(UNSEEN_STEP[3, 3])
         self._levels = replace(levels, foot=-levels.foot, landings=levels.landings + 1)
-        self._stood = self._walked @ _flat(feet.sole(-levels.foot))
         self._landed, self._steps = None, 0.0
+        return True
 
     def _follow(self, feet: FeetReading) -> None:
         """Move the frame of the maps to the foot that has landed."""

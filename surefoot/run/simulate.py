@@ -129,11 +129,12 @@ def simulate(
         if page is not None:
             page.watch(folder)
         stopped = stack.enter_context(stop_requested())
-        interrupted = False
+        interrupted, why = False, ""
         for cycle in cycles(body, pipeline, planner, config.planning.robot):
             truth.note(cycle.world.stamp_s, faults.touched(), cycle.world.estimate.views)
             moment = recorder.note(cycle)
             watch(cycle)
+            why = why if cycle.decision is None else cycle.decision.why
             if page is not None and moment is not None:
                 page.show(moment, stopped)
             say(recorder.progress(cycle.world, planner))
@@ -143,7 +144,8 @@ def simulate(
             truth.note(body.fell_at_s)
         truth.finish()
     reached = (planner.reached, len(goals)) if goals else None
-    summary = _summary(folder, recorder, config, reached, body.fell_at_s, interrupted)
+    unknown = ("stopped where no step led on: unknown",) if why == "unknown" else ()
+    summary = _summary(folder, recorder, config, reached, body.fell_at_s, interrupted, unknown)
     _keep_looks(planner, recorder)
     recorder.finish(pipeline, summary.as_dict(), report)
     if page is not None:
@@ -182,6 +184,7 @@ def _summary(
     reached: tuple[int, int] | None,
     fell_at_s: float | None,
     interrupted: bool,
+    ended: tuple[str, ...],
 ) -> Summary:
     """How the walk ended: goals reached and of how many, fall, and what the status noted."""
     fall = () if fell_at_s is None else (f"the robot fell after {fell_at_s:.1f} s",)
@@ -190,7 +193,7 @@ def _summary(
         recorder.frames,
         recorder.seconds,
         reached=reached,
-        notes=(*fall, *recorder.status_notes()),
+        notes=(*ended, *fall, *recorder.status_notes()),
         fell_at_s=fell_at_s,
         body=config.robot.body,
         interrupted=interrupted,

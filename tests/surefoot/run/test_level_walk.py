@@ -15,7 +15,7 @@ from mapping.io import ground_file
 from perception.estimate import Estimate
 from perception.monitoring.status import SLOW, STAND, Doubt
 from perception.primitives.errors import ConfigError
-from perception.primitives.pose import Pose2
+from perception.primitives.pose import Pose2, Pose3, head_rotation
 from planning.commands import GazeCommand, WalkCommand
 from planning.planners.caution import PAUSE, Caution
 from planning.planners.mission import ON_LEVELS, MissionConfig
@@ -169,9 +169,28 @@ def test_a_landing_that_nobody_saw_makes_ground_and_height_uncertain(walked):
     assert pairs[-1][0].levels.landings == pairs[-1][1].levels.landings
     world, true = pairs[-1]
     height_m, sigma_m = world.levels.body_m
+    assert sigma_m > 10.0 * true.levels.body_m[1]  # a step may have been on the way
     assert abs(height_m - true.levels.body_m[0]) < 3.0 * sigma_m
     off = world.pose.mean - true.pose.mean
     assert off @ np.linalg.solve(world.pose.covariance, off) < chi2.ppf(0.999, 3)
+
+
+def test_a_camera_that_points_elsewhere_than_the_joints_say_is_noticed(walked):
+    config, recording = load(walked.path("config.toml")), open_recording(walked.root)
+    said = {}
+    for off_rad in (0.0, 0.07):
+        pipeline, said[off_rad] = LevelPipeline(config, recording.info), set()
+        down = Pose3.from_rotation(
+            head_rotation(0.0, off_rad) @ head_rotation(0.0, 0.0).T, np.zeros(3)
+        )
+        for k, frame in enumerate(recording.frames()):
+            if k >= 8 and frame.depth is not None:
+                T = frame.depth.T_body_camera
+                turned = Pose3.from_rotation(down.rotation @ T.rotation, T.position)
+                frame = replace(frame, depth=replace(frame.depth, T_body_camera=turned))
+            said[off_rad] |= {one.words for one in pipeline.cycle(frame).estimate.status}
+    assert "camera and joints disagree" in said[0.07]
+    assert "camera and joints disagree" not in said[0.0]
 
 
 def test_without_pictures_the_feet_stay_where_they_are_and_the_status_says_why(tmp_path):
@@ -193,3 +212,13 @@ def test_without_pictures_the_feet_stay_where_they_are_and_the_status_says_why(t
     assert dark.sum() >= 2
     stood = true.positions[dark]
     assert np.abs(stood - stood[0]).max() < 0.01
+
+
+def test_a_walk_that_finds_no_step_ends_and_says_so(tmp_path):
+    """Our small robot does not see the ground where it would step."""
+    small = RobotConfig(colour=False, stereo=False, tof_source="rays")
+    mission = MissionConfig(planner=ON_LEVELS)
+    config = Config(scene="boxes", seed=3, robot=small, mission=mission)
+    summary = simulate(config, tmp_path / "run", False, lambda line: None, report=False)
+    assert not summary.succeeded
+    assert "stopped where no step led on: unknown" in summary.notes
