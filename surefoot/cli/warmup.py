@@ -58,6 +58,7 @@ def warm(say: Callable[[str], None]) -> None:
         _floors_and_steps,
         _levels,
         _seldom,
+        _published_ways,
         _robot_log,
         _walking_body,
         _camera_in_the_hand,
@@ -85,10 +86,11 @@ def _cycles(rng: np.random.Generator) -> str:
 
 
 def _floors_and_steps(rng: np.random.Generator) -> str:
-    """Floors by every method, plane regions, tracks, guard and field."""
+    """Floors by every method, plane regions, tracks and their forecast, guard and field."""
     from perception.depth import structured_light
     from perception.depth.points import Points
     from perception.floor import choose
+    from perception.obstacles.forecast import forecast
     from perception.obstacles.track import Detection
     from perception.obstacles.tracker import ObstacleTracker
     from perception.terrain import segmentation
@@ -113,6 +115,7 @@ def _floors_and_steps(rng: np.random.Generator) -> str:
     for number in range(4):
         seen_again = Detection(np.array([1.0, 0.0]), np.eye(2) * 1e-4, 0.1)
         tracker.update(0.3 * number, [seen_again], robot)
+    forecast(tracker.obstacles[0], np.array([0.5, 1.0]))
     guard.choose(
         WalkCommand(0.04),
         robot,
@@ -189,9 +192,43 @@ def _seldom(rng: np.random.Generator) -> str:
     return "seldom"
 
 
+def _published_ways(rng: np.random.Generator) -> str:
+    """The methods as printed that runs may choose, the planners that ours are compared with, colours of depth."""
+    from dataclasses import replace
+
+    from perception.depth.depth_to_colour import colours_of_depth
+    from perception.features.mdghm_sift import SiftConfig, detect
+    from planning.commands import WalkCommand
+    from planning.safety.dynamic_window import DynamicWindow
+    from planning.safety.velocity_obstacles import VelocityObstacles
+    from planning.search import astar
+    from planning.search.potential import SearchConfig
+
+    probability, unknown = np.zeros((40, 40), np.float32), np.zeros((40, 40), np.bool_)
+    probability[10:20, 20] = 0.9
+    ends = np.zeros(2), 0.05, np.array([0.4, 0.7]), np.array([1.6, 0.8])
+    for literal in (False, True):
+        config = replace(SearchConfig(), literal=literal)
+        found = astar.find_path(probability, unknown, *ends, config)
+        assert found is not None
+        assert len(found.curve) > 1
+    robot = Gaussian(np.zeros(3), np.eye(3) * 1e-4)
+    mover = Obstacle(Gaussian(np.array([0.6, 0.0, -0.05, 0.0]), np.eye(4) * 1e-3), 0.1, moving=1.0)
+    cells, goal = np.array([[1.0, 0.5]]), np.array([2.0, 0.0])
+    for peer in (DynamicWindow(), VelocityObstacles()):
+        peer.choose(WalkCommand(0.04), robot, [mover], cells, goal, 0.0)
+    picture = rng.integers(0, 255, (72, 96)).astype(np.uint8)
+    detect(picture, replace(SiftConfig(), moments_in_descriptor=True))
+    camera, rgb = Camera.from_view(96, 72, 1.0, 0.8), rng.integers(0, 255, (72, 96, 3))
+    colours_of_depth(np.ones((72, 96), np.float32), camera, rgb.astype(np.uint8), camera, Pose3())
+    return "published ways"
+
+
 def _robot_log(rng: np.random.Generator) -> str:
-    """A wheeled robot drives a circle among tags and among radio beacons."""
+    """A wheeled robot drives a circle among tags, named and unnamed, and among radio beacons."""
+    from perception.planar.association import filter_unknown
     from perception.planar.log_localiser import localise
+    from perception.planar.planar import Journey, filter_journey
     from perception.planar.planar_log import PlanarLog
 
     at_s = 0.1 * np.arange(400)
@@ -205,6 +242,12 @@ def _robot_log(rng: np.random.Generator) -> str:
     for angle in (bearing, np.full(len(at_s), np.nan)):
         seen = np.column_stack([distance, angle])
         localise(PlanarLog(at_s, totals, at_s.copy(), marks, seen, places))
+    start = Gaussian(np.zeros(3), np.diag([0.02, 0.02, 0.01]) ** 2)
+    steps = np.column_stack([np.full(400, 0.1), *np.diff(totals, axis=0, prepend=0.0).T])
+    seen = np.column_stack([distance * np.cos(bearing), bearing])
+    drive = Journey(start, steps, np.arange(401), marks, seen, places)
+    filter_journey(drive)
+    filter_unknown(drive)
     return "robot log"
 
 
