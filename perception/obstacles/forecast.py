@@ -77,6 +77,6 @@ def forecast(obstacle: Obstacle, times_s: Float[np.ndarray, "n"]) -> Forecast:
     covariances = np.empty((n, m, 4, 4))
     belief = _track_kernels.Belief(weights, x, P)
     found = probabilities, means, covariances
-    power = pushes(motion.fresh)
-    _track_kernels.forecast(belief, rates, motion.fresh, power, times_s, *found)
+    fresh = np.ascontiguousarray(motion.fresh)
+    _track_kernels.forecast(belief, rates, fresh, pushes(fresh), times_s, *found)
     return Forecast(*found)

@@ -156,7 +156,7 @@ def filter_journey(
         journey.first_row,
         journey.marks,
         journey.seen,
-        journey.places,
+        np.ascontiguousarray(journey.places),
         config.parameters,
         sigma_weights(len(state.mean)),
     )
