@@ -86,11 +86,10 @@ def _cycles(rng: np.random.Generator) -> str:
 
 
 def _floors_and_steps(rng: np.random.Generator) -> str:
-    """Floors by every method, plane regions, tracks and their forecast, guard and field."""
+    """Floors by every method, plane regions, tracks, guard and field."""
     from perception.depth import structured_light
     from perception.depth.points import Points
     from perception.floor import choose
-    from perception.obstacles.forecast import forecast
     from perception.obstacles.track import Detection
     from perception.obstacles.tracker import ObstacleTracker
     from perception.terrain import segmentation
@@ -115,7 +114,6 @@ def _floors_and_steps(rng: np.random.Generator) -> str:
     for number in range(4):
         seen_again = Detection(np.array([1.0, 0.0]), np.eye(2) * 1e-4, 0.1)
         tracker.update(0.3 * number, [seen_again], robot)
-    forecast(tracker.obstacles[0], np.array([0.5, 1.0]))
     guard.choose(
         WalkCommand(0.04),
         robot,
