@@ -39,7 +39,6 @@ PLACES = {mark.identity: (mark.position[0], mark.position[1]) for mark in MARKS}
 STARTING = np.diag([0.02, 0.02, 2 * DEG]) ** 2
 LAG_S = 5.0
 LIVE = replace(CONFIG, lag_s=LAG_S)
-WALKS = 25
 
 
 def walk(seed: int, frames: int = 36) -> tuple[Gaussian, list[Instant], list[Pose2]]:
@@ -107,9 +106,9 @@ def errors(poses: list[Gaussian], truth: list[Pose2]) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def walks() -> dict[str, np.ndarray]:
-    """Errors (WALKS, frames, 3) and covariances of filter, fixed lag and batch."""
+    """Errors (50, frames, 3) and covariances of filter, fixed lag and batch over 50 walks."""
     kept: dict[str, list[np.ndarray]] = {}
-    for seed in range(WALKS):
+    for seed in range(50):
         start, instants, truth = walk(seed)
         frames = walk_factors(instants, PLACES, CONFIG)
         everything = [factor for _, factors in frames for factor in factors]
@@ -126,7 +125,7 @@ def walks() -> dict[str, np.ndarray]:
     return {name: np.array(values) for name, values in kept.items()}
 
 
-def test_later_measurements_reduce_the_error_over_many_walks(walks):
+def test_later_measurements_reduce_the_error_over_50_walks(walks):
     rmse = {
         name: np.sqrt(np.mean(walks[name][..., :2] ** 2)) for name in ("filter", "lag", "batch")
     }
@@ -138,9 +137,9 @@ def test_later_measurements_reduce_the_error_over_many_walks(walks):
 
 @pytest.mark.parametrize("name", ["lag", "batch", "live"])
 @pytest.mark.parametrize("frame", [8, 20, 32])
-def test_marginals_are_consistent_over_many_walks(walks, name, frame):
+def test_marginals_are_consistent_over_50_walks(walks, name, frame):
     values = nees(walks[name][:, frame], walks[f"{name} P"][:, frame])
-    low, high = band(3, WALKS, 0.99)  # nine of them: 91 % that all are inside
+    low, high = band(3, 50, 0.99)  # nine of them: 91 % that all are inside
     assert low < np.mean(values) < high
 
 
