@@ -48,6 +48,7 @@ from .metrics.innovations import innovation_metrics
 from .metrics.levels import level_metrics
 from .metrics.maps import map_metrics, read_map
 from .metrics.obstacles import obstacle_metrics
+from .metrics.risk import risk_metrics, risk_of_run
 from .metrics.surfaces import read_surface, surface_metrics
 from .metrics.timing import timing_metrics
 from .metrics.trajectory import (
@@ -317,7 +318,7 @@ def _goals(true: Trajectory, summary: dict[str, Any]) -> dict[str, float]:
 
 
 def _against_tables(run: RunFolder) -> dict[str, float | bool]:
-    """Figures of floor, innovations, obstacles, grid and contacts."""
+    """Figures of floor, innovations, obstacles, grid, contacts and claimed risk."""
     figures: dict[str, float | bool] = {}
     floor, true_floor = run.read_csv("floor.csv"), run.read_csv("truth/floor.csv")
     if floor is not None:
@@ -334,5 +335,8 @@ def _against_tables(run: RunFolder) -> dict[str, float | bool]:
     clearance = run.read_csv("truth/clearance.csv")
     if clearance is not None:
         figures |= contact_metrics(clearance)
+    risk = risk_of_run(run)
+    if risk is not None:
+        figures |= risk_metrics(risk)
     figures |= level_metrics(run)
     return figures

@@ -95,7 +95,7 @@ def contacts_of_run(
             errors.stamps, errors.identities, errors.tracks, strict=True
         )
     ]
-    movers = _movers(obstacles)
+    movers = movers_by_name(obstacles)
     return [
         _contact(begin, touched, movers.get(touched), trajectory, obstacles, matched)
         for begin, _, touched in found
@@ -109,7 +109,7 @@ def class_counts(contacts: Sequence[Contact]) -> dict[str, float]:
     return counts | {"contacts_standing": float(sum(one.standing for one in contacts))}
 
 
-def _movers(obstacles: Table) -> dict[str, str]:
+def movers_by_name(obstacles: Table) -> dict[str, str]:
     """Name to identity of the obstacles that ever move."""
     moves = set(moving(obstacles))
     named = zip(obstacles.words("name"), obstacles.words("identity"), strict=True)

@@ -5,19 +5,17 @@ Source: Hyndman, "Computing and graphing highest density regions", The American 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from jaxtyping import Float
-
-from perception.primitives.gaussian import Gaussian
 
 SAMPLES = 400  # ours: the share of a region of 90 % is 90 +- 1.5 % then
 
 
 def in_region(
-    place: Float[np.ndarray, "k"],
-    mixture: Sequence[tuple[float, Gaussian]],
+    place: Float[np.ndarray, "d"],
+    weights: Float[np.ndarray, "m"],
+    means: Float[np.ndarray, "m d"],
+    covariances: Float[np.ndarray, "m d d"],
     share: float,
     rng: np.random.Generator,
 ) -> bool:
@@ -25,15 +23,14 @@ def in_region(
 
     Args:
         place: The truth.
-        mixture: Weight and density of each part; weights need not add up to 1.
+        weights, means, covariances: Of the parts; weights need not add up to 1.
         share: Probability of the region.
         rng: Draws the samples by which its border is found.
     """
-    weights = np.array([weight for weight, _ in mixture])
-    weights = weights / weights.sum()
-    means = np.array([part.mean for _, part in mixture])
-    factors = np.linalg.cholesky(np.array([part.covariance for _, part in mixture]))
-    drawn = rng.choice(len(mixture), SAMPLES, p=weights)
+    counts = weights > 0.0
+    weights, means = weights[counts] / weights.sum(), means[counts]
+    factors = np.linalg.cholesky(covariances[counts])
+    drawn = rng.choice(len(weights), SAMPLES, p=weights)
     noise = rng.standard_normal((SAMPLES, len(place), 1))
     samples = means[drawn] + (factors[drawn] @ noise)[..., 0]
     points = np.vstack([samples, place])

@@ -12,7 +12,7 @@ Source: ours.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from typing import Any
 
@@ -28,6 +28,7 @@ from ...config.schema import Config
 from ...evaluation.metrics.consistency import squared
 from ...evaluation.metrics.contact_classes import CLASSES
 from ...evaluation.metrics.obstacles import track_errors
+from ...evaluation.metrics.risk import CLASS_COUNT, RiskTally, risk_metrics, risk_of_run
 from ...results.run_folder import RunFolder
 from ..support.experiment import BODIES, Experiment, Outcome, Say, Target
 from ..support.in_sight import Sightlines
@@ -37,6 +38,7 @@ from .prediction import JUDGING
 LAWS = (*JUDGING, MIXED)
 SCENES = ("home", "hall", "office")
 LIMIT_S = MissionConfig().time_limit_s
+SUMS = tuple(one.name for one in fields(RiskTally))
 
 
 def config_of(law: str, seed: int, limit_s: float = LIMIT_S) -> Config:
@@ -63,12 +65,21 @@ def run(seeds: int, say: Say, laws: int = len(LAWS), limit_s: float = LIMIT_S) -
         "mover_anees_max": float(np.nanmax(list(anees.values()))),
         "followed_share": _share(found, "followed", "near"),
     }
-    return Outcome(figures, _table(found, todo))
+    risk = _risk(found)
+    figures |= {name: float(value) for name, value in risk_metrics(risk).items()}
+    return Outcome(figures, [*_table(found, todo), *_risk_table(risk)])
 
 
 def walked(folder: RunFolder, config: Config) -> dict[str, float]:
-    """Falls and contacts by class, and of the movers: nees_sum, nees_count, near, followed (instants)."""
+    """Falls and contacts by class; of the movers nees_sum, nees_count, near, followed (instants); sums of the risk."""
     figures = falls_and_contacts(folder, config)
+    risk = risk_of_run(folder)
+    if risk is not None:
+        figures |= {
+            f"risk_{name}_{k}": float(value)
+            for name, values in zip(SUMS, risk.sums(), strict=True)
+            for k, value in enumerate(values)
+        }
     truth, poses = (
         folder.read_csv("truth/obstacles.csv"),
         folder.read_trajectory("truth/trajectory.txt"),
@@ -97,6 +108,23 @@ def walked(folder: RunFolder, config: Config) -> dict[str, float]:
             followed += int(seen and (stamp, mover) in owned)
     counts = {"nees_sum": nees.sum(), "nees_count": len(nees), "near": near, "followed": followed}
     return figures | {name: float(value) for name, value in counts.items()}
+
+
+def _risk(found: list[dict[str, Any]]) -> RiskTally:
+    """The decisions of all walks."""
+    sums = (
+        [np.nansum(column(found, f"risk_{name}_{k}")) for k in range(CLASS_COUNT)] for name in SUMS
+    )
+    return RiskTally(*map(np.array, sums))
+
+
+def _risk_table(risk: RiskTally) -> list[str]:
+    """One line per class of claimed risk."""
+    return ["claimed risk of contact with what may move in the next 2.6 s, and what happened"] + [
+        f"  {one.decisions:6d} decisions: claimed {one.claimed:.4f}, happened {one.happened:.4f}"
+        f" ({one.low:.4f} to {one.high:.4f})"
+        for one in risk.classes()
+    ]
 
 
 def _of(found: list[dict[str, Any]], todo: list[tuple[str, int]], law: str) -> list[dict[str, Any]]:

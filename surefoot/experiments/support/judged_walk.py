@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from planning.safety.hypotheses import Ahead
 from planning.safety.prediction import MotionPatterns
@@ -185,14 +184,8 @@ def _summed(log: _Log, seed: int) -> Judged:
                 continue
             true = np.array([np.interp(later, stamps, path[:, axis]) for axis in (0, 1)])
             ahead = log.forecasts[stamp, track]
-            parts = [
-                (float(w), Gaussian(mean, P))
-                for w, mean, P in zip(
-                    ahead.weights[k], ahead.means[k], ahead.covariances[k], strict=True
-                )
-                if w > 0.0
-            ]
-            inside[k] += in_region(true, parts, SHARE, rng)
+            parts = (ahead.weights[k], ahead.means[k], ahead.covariances[k])
+            inside[k] += in_region(true, *parts, SHARE, rng)
             forecasts[k] += 1
     nees = squared(errors.whitened_of([str(mover) for mover in movers]))
     near, viewed = np.array(log.near), np.array(log.viewed)

@@ -1,4 +1,4 @@
-"""Plots of consistency: NEES over time, calibration of confidence regions, whiteness of innovations."""
+"""Plots of consistency: NEES over time, calibration of regions, whiteness of innovations, claimed risk of contact."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ...evaluation.metrics.consistency import band, effective_samples, squared
 from ...evaluation.metrics.floor import floor_errors
 from ...evaluation.metrics.innovations import autocorrelation, innovations
 from ...evaluation.metrics.obstacles import moving, track_errors
+from ...evaluation.metrics.risk import risk_of_run
 from ...results.run_folder import RunFolder
 from .style import ESTIMATE, FAINT, SERIES, TARGET, TRUTH, WRONG, Drawn, legend, sheet
 
@@ -120,6 +121,32 @@ def whiteness(run: RunFolder) -> Drawn | None:
     sentence = (
         "Autocorrelation of the innovations of each landmark or track. The innovations of a consistent filter are "
         "white: 95 % of the bars stay between the dashes."
+    )
+    return Drawn(figure, sentence)
+
+
+def risk(run: RunFolder) -> Drawn | None:
+    """Claimed probability of contact against what happened; None without a guard, movers or ground truth."""
+    found = risk_of_run(run)
+    if found is None:
+        return None
+    classes = found.classes()
+    rows = np.arange(len(classes))[::-1]
+    figure, axes = sheet(1, 1, 0.9 + 0.35 * len(classes))
+    for row, one in zip(rows, classes, strict=True):
+        axes.plot([one.low, one.high], [row, row], color=FAINT, lw=6, solid_capstyle="butt")
+    axes.plot([one.happened for one in classes], rows, "o", color=TRUTH, label="happened")
+    axes.plot([one.claimed for one in classes], rows, "D", color=ESTIMATE, label="claimed")
+    axes.set_xscale("symlog", linthresh=0.01)
+    axes.set_xticks([0.0, 0.01, 0.05, 0.2, 1.0], ["0", "1 %", "5 %", "20 %", "100 %"])
+    axes.set_xlim(-0.0005, 1.0)
+    axes.set_yticks(rows, [f"{one.decisions} decisions" for one in classes])
+    axes.set(xlabel="probability of contact in the next 2.6 s", ylim=(-0.6, len(classes) - 0.4))
+    legend(axes)
+    sentence = (
+        "Probability of contact with what may move that the guard claimed, in classes below 1, 5, 20 and 100 %, and the "
+        "share of these decisions that such a contact followed (grey: 95 % interval). Claims are right if they lie "
+        "in the interval."
     )
     return Drawn(figure, sentence)
 

@@ -22,6 +22,7 @@ _PLOTS: tuple[tuple[str, str, Callable[[RunFolder], Drawn | None]], ...] = (
     ("calibration", "Calibration of all covariances", consistency.calibration),
     ("whiteness", "Whiteness of innovations", consistency.whiteness),
     ("clearance", "Clearance", time_series.clearance),
+    ("risk", "Claimed risk of contact", consistency.risk),
     ("floor", "Floor plane", time_series.floor),
     ("grid", "Occupancy grid against the truth", top_view.grid_check),
     ("tracks", "Moving obstacles", time_series.tracks),

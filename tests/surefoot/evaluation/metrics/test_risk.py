@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import binomtest
 
 from planning.safety.guard_settings import RISK_S
-from surefoot.evaluation.metrics.risk import followed_by_contact, reliability, wilson
+from surefoot.evaluation.metrics.risk import followed_by_contact, tally, wilson
 from surefoot.results.tables import Table
 
 
@@ -20,10 +20,13 @@ def test_true_claims_lie_in_the_band_and_claims_that_are_too_low_do_not(share, l
     rng = np.random.default_rng(0)
     claimed = rng.uniform(0.0, 0.3, 20000)
     happened = rng.random(len(claimed)) < np.minimum(share * claimed, 1.0)
-    found = reliability(claimed, happened, RISK_S)
+    found = tally(claimed, happened, RISK_S).classes()
+    halves = tally(claimed[:7], happened[:7], RISK_S) + tally(claimed[7:], happened[7:], RISK_S)
+    assert [one.decisions for one in halves.classes()] == [one.decisions for one in found]
     assert sum(one.decisions for one in found) == len(claimed)
     assert all(one.in_band for one in found) == low
-    assert reliability(np.array([0.0, 1.0]), np.array([False, True]), RISK_S)[-1].in_band == high
+    sure = tally(np.array([0.0, 1.0]), np.array([False, True]), RISK_S)
+    assert sure.classes()[-1].in_band == high
 
 
 def test_the_band_is_that_of_scipy():

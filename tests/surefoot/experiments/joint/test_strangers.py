@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from sim.scenes import catalogue
+from surefoot.experiments.joint import strangers
 from surefoot.experiments.joint.prediction import DEVELOPMENT
-from surefoot.experiments.joint.strangers import LAWS, config_of, walked
+from surefoot.experiments.joint.strangers import EXPERIMENT, LAWS, config_of, walked
 from surefoot.results.run_folder import RunFolder
 
 
@@ -58,8 +59,32 @@ def test_a_mover_in_sight_counts_as_followed_only_while_it_has_a_track(tmp_path)
         for t in stamps[:10].tolist()
     ]
     folder.write_json("obstacles.json", {"tracks": tracks})
+    folder.write_csv("commands.csv", ("stamp_s", "risk"), [(t, 0.03) for t in stamps])
     found = walked(folder, config)
     assert (found["near"], found["followed"]) == (20.0, 10.0)
     assert found["nees_count"] == 10.0
     assert found["nees_sum"] == pytest.approx(10 * 4.0)  # 2 cm by a sigma of 1 cm
     assert (found["contacts_avoidable"], found["contacts_unseen"]) == (1.0, 0.0)
+    sums = [found[f"risk_{name}_1"] for name in ("decisions", "claimed", "happened")]
+    assert sums == pytest.approx([20.0, 0.6, 0.0])  # the pillar that was touched does not move
+
+
+def test_all_targets_are_measured_and_risks_of_all_walks_add_up(monkeypatch):
+    """Two walks: 1000 decisions that claim 10 %, of which 0 in one and 200 in the other were followed by a contact."""
+    walks = [
+        {
+            "contacts": contacts, "goals_missed": 0.0, "duration_s": 60.0, "min_clearance_m": 0.1,
+            "position_rmse_m": 0.01, "heading_rmse_deg": 0.2, "pose_anees": 3.0,
+            "nees_sum": 400.0, "nees_count": 100.0, "near": 100.0, "followed": 95.0,
+            "risk_decisions_2": 1000.0, "risk_horizons_2": 500.0, "risk_claimed_2": 100.0,
+            "risk_happened_2": happened,
+        }
+        for contacts, happened in ((0.0, 0.0), (2.0, 200.0))
+    ]  # fmt: skip
+    monkeypatch.setattr(strangers, "walk_all", lambda *_: walks)
+    figures = strangers.run(1, lambda _: None, laws=2).figures
+    assert set(EXPERIMENT.targets) <= set(figures)
+    assert (figures["risk_claimed_mean"], figures["risk_happened_share"]) == (0.1, 0.1)
+    assert figures["risk_in_band"] == 1.0
+    walks[0]["risk_happened_2"] = 200.0
+    assert strangers.run(1, lambda _: None, laws=2).figures["risk_in_band"] == 0.0
