@@ -100,13 +100,16 @@ def truncated(
     beyond[:, 0] += np.where(left[border], -BESIDE_M, BESIDE_M)
     border[border] = ~_has_depth(view.T_map_camera.apply(beyond), others)
     ends = (z < reach.nearest_m + NEAR_M) | (z > reach.farthest_m - CUT_M)
-    found = _hiders(depth, points)
+    found = _hiders(depth, points, reach.stride)
     found[border | ends] = CUT
     return found
 
 
-def _hiders(depth: Depth, points: Points) -> Int[np.ndarray, "n"]:
-    """Index of the nearest point beside each point, if it is nearer by a step; `CUT` if it is none of these points."""
+def _hiders(depth: Depth, points: Points, stride: int) -> Int[np.ndarray, "n"]:
+    """Index of the nearest of the points beside each point, if something there is nearer than it by a step.
+
+    `CUT` if what is nearest there is nearer by a step than all of these points, which are every n-th pixel alone.
+    """
     width = depth.camera.width
     half = max(1, round(HIDING_SHARE * width))
     measured = np.where(np.isfinite(depth.z), depth.z, np.float32(np.inf))
@@ -115,11 +118,13 @@ def _hiders(depth: Depth, points: Points) -> Int[np.ndarray, "n"]:
     hidden = np.flatnonzero(measured.ravel()[points.pixels] - nearest > CUT_M)
     found = np.full(len(points), WHOLE)
     pixels = points.pixels[hidden, None]
-    beside = np.arange(-half, half + 1) + pixels % width
+    beside = np.arange(1 - half - stride, half + stride) + pixels % width
     beside = np.clip(beside, 0, width - 1) + pixels - pixels % width
-    hiders = beside[np.arange(len(hidden)), np.argmin(measured.ravel()[beside], axis=1)]
-    index = np.minimum(np.searchsorted(points.pixels, hiders), len(points) - 1)
-    found[hidden] = np.where(points.pixels[index] == hiders, index, CUT)
+    own = np.full(measured.size, np.float32(np.inf))
+    own[points.pixels] = measured.ravel()[points.pixels]
+    hiders = beside[np.arange(len(hidden)), np.argmin(own[beside], axis=1)]
+    among = own[hiders] - nearest[hidden] <= CUT_M
+    found[hidden] = np.where(among, np.searchsorted(points.pixels, hiders), CUT)
     return found
 
 

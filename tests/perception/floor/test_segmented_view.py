@@ -90,6 +90,28 @@ def test_a_partly_occluded_object_is_truncated():
     assert not before[ended].any()
 
 
+@pytest.mark.parametrize("stride", [1, 2, 3])
+@pytest.mark.parametrize("aside_px", [0.0, 0.5, 1.0])
+def test_a_round_object_is_not_cut_by_its_own_front_whichever_pixels_are_used(stride, aside_px):
+    """A column of radius 0.5 m: at both edges the surface recedes by more than the step of an occlusion."""
+    camera = Camera(640, 480, 525.0, 525.0, 319.5, 239.5)
+    middle, radius = np.array([aside_px * 2.5 / camera.fx, 2.5]), 0.5
+    rays = np.stack([(np.arange(640) - camera.cx) / camera.fx, np.ones(640)])
+    along = middle @ rays
+    squared = (rays**2).sum(axis=0)
+    root = np.sqrt(np.maximum(along**2 - squared * (middle @ middle - radius**2), 0.0))
+    row = np.where(root > 0.0, (along - root) / squared, np.nan)
+    z = np.repeat(row[None], 480, axis=0).astype(np.float32)
+    depth = Depth(z, np.full_like(z, 0.01), camera)
+    cloud = from_depth(depth, 0.3, 3.5, stride)
+    floor = Plane(np.array([0.0, -1.0, 0.0]), 0.9)
+    classes = np.full(len(cloud), OBSTACLE, dtype=np.int8)
+    view = SegmentedView("depth", depth, cloud, classes, floor, None, Pose3(), cloud.xyz.copy())
+    beside = truncated(view, cloud, ReachConfig(0.3, 3.5, stride))
+    assert (beside >= 0).any()
+    assert not (beside == CUT).any()
+
+
 def test_a_sight_sees_through_places_before_the_measured_depth_and_not_behind_or_at_it():
     """A post 0.2 m wide at 1 m before a wall at 2.5 m."""
     sight = Sight([post(WIDE, 0.0, 1.0)])
