@@ -129,7 +129,7 @@ def risks(
     robot: np.ndarray, plans: np.ndarray, target: np.ndarray, gait: Gait,
     weights: np.ndarray, means: np.ndarray, covariances: np.ndarray, radii: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Probability of contact on every plan (c, 8) within n samples, two a step.
+    """Probability of contact on every plan (c, 8) at n samples: its start, then the middle and the end of each step.
 
     Of each mode of an obstacle the most dangerous instant counts: the error of a prediction hardly changes from one
     instant to the next. Modes exclude each other, obstacles are independent.
@@ -142,7 +142,7 @@ def risks(
     """
     found = np.zeros(len(plans))
     obstacles, samples, modes = weights.shape
-    steps = (samples + 1) // 2
+    steps = samples // 2
     widest = np.empty((obstacles, samples, modes))
     for k in range(obstacles):
         for n in range(samples):
@@ -161,8 +161,8 @@ def risks(
                 for n in range(samples):
                     if weights[k, n, m] <= max(worst, LEAST):
                         continue
-                    x = means[k, n, m, 0] - places[n, 0]
-                    y = means[k, n, m, 1] - places[n, 1]
+                    here = robot if n == 0 else places[n - 1]
+                    x, y = means[k, n, m, 0] - here[0], means[k, n, m, 1] - here[1]
                     gap = math.sqrt(x * x + y * y) - radii[k]
                     if gap > FAR * widest[k, n, m]:
                         continue

@@ -6,8 +6,9 @@ back, wait, then go on) for 7.8 s against the predicted obstacles, with a distan
 and against the occupied cells.
 
 The probability of contact with what may move, in the next seconds, is bounded (`risk`): of the plans that keep the
-bound the cheapest is walked, and if none does, the least dangerous. Where the bound rules out the cheapest plan, those that
-soon touch something static are ruled out too.
+bound the cheapest is walked, and if none does, the least dangerous until its end. Where the bound rules out the cheapest
+plan, those that soon touch something static are ruled out too. A bound on the next seconds alone would make the robot
+back away before somebody who is faster: the cheapest plan is walked if it is less dangerous until its end.
 
 A moving obstacle follows the motion pattern learnt for it. Without a pattern it goes straight on or reverses at any
 time, and a plan is charged for every position from which the robot could not leave its path in time. The end of a
@@ -22,7 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -116,10 +117,11 @@ class Guard:
             self._present, self.ahead = None, scene.poses(wishes[0])
             return desired
         plans = self._candidates(desired)
-        best = int(np.argmin(self._cost(plans, scene, np.arange(len(plans)))))
+        best = self._cheapest(plans, scene, np.ones(len(plans), np.bool_))
         self.risk = float(scene.risks(plans[best : best + 1])[0])
         if self.risk > self.config.risk:
-            best = self._within_the_bound(plans, scene)
+            best = self._least_dangerous(plans, scene, best)
+            self.risk = float(scene.risks(plans[best : best + 1])[0])
         self._present, self.ahead = plans[best].copy(), scene.poses(plans[best])
         return desired if best == 0 else scene.step(plans[best])
 
@@ -130,20 +132,26 @@ class Guard:
         cost[present] -= self.config.keep_m + self.config.keep_share * harm[present]
         return cost
 
-    def _within_the_bound(self, plans: np.ndarray, scene: _Scene) -> int:
-        """The cheapest plan that keeps the bound; without one the cheapest of those as good as the least dangerous.
+    def _least_dangerous(self, plans: np.ndarray, scene: _Scene, cheapest: int) -> int:
+        """The cheapest plan that keeps the bound, unless the cheapest of all is less dangerous until its end.
 
-        A plan that touches something static in the same time is as dangerous as a contact that is sure.
+        If none keeps the bound, the cheapest of those as good as the least dangerous until its end.
         """
-        risks = scene.risks(plans)
-        danger = np.where(scene.touch_cells(plans), 1.0, risks)
-        least, bound = float(danger.min()), self.config.risk
-        if least > bound:
-            self.word, bound = "least risk", least + max(SAME_SHARE * least, SAME_RISK)
-        allowed = np.flatnonzero(danger <= bound)
-        best = int(allowed[np.argmin(self._cost(plans, scene, allowed))])
-        self.risk = float(risks[best])
-        return best
+        danger, bound = scene.dangers(plans), self.config.risk
+        if danger.min() <= bound:
+            best = self._cheapest(plans, scene, danger <= bound)
+            later = scene.dangers(plans[[cheapest, best]], to_the_end=True)
+            if later[1] <= later[0]:
+                return best
+            self.word = "least risk"
+            return cheapest
+        self.word, danger = "least risk", scene.dangers(plans, to_the_end=True)
+        least = float(danger.min())
+        return self._cheapest(plans, scene, danger <= least + max(SAME_SHARE * least, SAME_RISK))
+
+    def _cheapest(self, plans: np.ndarray, scene: _Scene, allowed: Bool[np.ndarray, "c"]) -> int:
+        among = np.flatnonzero(allowed)
+        return int(among[np.argmin(self._cost(plans, scene, among))])
 
     def _candidates(self, desired: WalkCommand) -> np.ndarray:
         """All plans: first the desired step and then pursuit, second the rest of the present plan."""
@@ -197,6 +205,9 @@ class _Scene:
         for obstacle in everything:
             hypotheses.add(obstacle)
         self._risk = Risk(robot, everything, stamp_s, config, model, patterns)
+        self._risk_to_the_end = partial(
+            Risk, robot, everything, stamp_s, config, model, patterns, config.steps * gait.step_s
+        )
         for line in patterns.lost(obstacles, stamp_s):
             hypotheses.add_lost(line)
         self._limits = gait
@@ -239,12 +250,17 @@ class _Scene:
         """Probability of contact on every plan."""
         return self._risk.of(plans, self._robot, self._target, self._gait)
 
-    def touch_cells(self, plans: np.ndarray) -> Bool[np.ndarray, "c"]:
-        """Which plans touch an occupied cell in the time for which the risk is bounded."""
-        found: np.ndarray = _risk_kernels.touch_cells(
+    def dangers(self, plans: np.ndarray, to_the_end: bool = False) -> Float[np.ndarray, "c"]:
+        """Probability of contact on every plan, in the time of the bound or to its end.
+
+        A plan that touches an occupied cell in the time of the bound is as dangerous as a contact that is sure.
+        """
+        touches = _risk_kernels.touch_cells(
             self._robot, plans, self._target, self._gait, self._risk.steps, self._cells
         )
-        return found
+        risk = self._risk_to_the_end() if to_the_end else self._risk
+        found = risk.of(plans, self._robot, self._target, self._gait)
+        return np.where(touches, 1.0, found)
 
     def step(self, plan: np.ndarray) -> WalkCommand:
         """The first step of a plan, as the kernel makes it; a plan whose first part is over may pursue the target."""

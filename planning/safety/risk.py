@@ -1,7 +1,7 @@
 """Probability of contact with what may move, on a plan.
 
-The error of the pose, that of the size, and the modes of motion of every obstacle count together. The horizon is
-short: what lies beyond it the robot decides anew, with new detections. Of an obstacle that more likely stands only the
+The error of the pose, that of the size, and the modes of motion of every obstacle count together. The horizon of the
+bound is short: what lies beyond it the robot decides anew, with new detections. Of an obstacle that more likely stands only the
 chance that it goes counts: its place is kept clear by the distances of the guard and by the occupied cells.
 
 Source: ours; chance constraints as in Blackmore, Ono and Williams 2011, over a mixture of motion modes.
@@ -27,7 +27,7 @@ from .prediction import MotionPatterns
 
 
 class Risk:
-    """The obstacles that may move, predicted for the next `RISK_S` seconds."""
+    """The obstacles that may move, predicted for the next seconds."""
 
     def __init__(
         self,
@@ -37,19 +37,21 @@ class Risk:
         config: GuardConfig,
         model: RobotModel,
         patterns: MotionPatterns,
+        horizon_s: float = RISK_S,
     ) -> None:
         """Predict them.
 
         Args:
-            robot: Gaussian over (x, y, yaw), world frame, m and rad.
+            robot: Gaussian over (x, y, yaw) where plans begin, half a step from now, world frame, m and rad.
             obstacles: Tracks at the present time, world frame.
             stamp_s: Present time.
             config: Settings of the guard.
             model: Size of the body, length of a step.
             patterns: Motion patterns learnt from the tracks.
+            horizon_s: For how long.
         """
         half = model.gait.step_s / 2.0
-        self.steps = max(round(RISK_S / model.gait.step_s), 1)
+        self.steps = max(round(horizon_s / model.gait.step_s), 1)
         """Footsteps in that time."""
         times = half * np.arange(1, 2 * self.steps + 1)
         movers = [one for one in obstacles if may_move(one)]

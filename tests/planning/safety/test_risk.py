@@ -51,7 +51,10 @@ def tracked(place: np.ndarray, velocity: np.ndarray, seed: int = 0) -> Obstacle:
 
 
 def contact_share(obstacle: Obstacle, plan: np.ndarray, runs: int = 20000) -> float:
-    """Share of simulated futures in which the plan touches: modes change at random, the pose and the sizes err."""
+    """Share of simulated futures in which the plan touches: modes change at random, the pose and the sizes err.
+
+    The body begins a step half a step after its command, and follows its feet evenly from then on.
+    """
     rng, motion, dt = np.random.default_rng(1), obstacle.motion, 0.05
     assert isinstance(motion, Motion)
     weights = motion.probabilities.copy()
@@ -68,8 +71,8 @@ def contact_share(obstacle: Obstacle, plan: np.ndarray, runs: int = 20000) -> fl
     error = rng.multivariate_normal(np.zeros(2), SURE.covariance[:2, :2], runs)
     radius = DARWIN_OP.radius_m + obstacle.radius_m + SIZE_SIGMA_M * rng.standard_normal(runs)
     poses = walked(np.zeros(3), plan, np.array([3.0, 0.0]), GAIT, 4)
-    times = np.concatenate([[0.0], np.arange(1, 9) * STEP_S / 2])
-    along = np.concatenate([[[0.0, 0.0]], poses[:, :2]])
+    times = np.concatenate([[0.0], np.arange(1, 10) * STEP_S / 2])
+    along = np.concatenate([[[0.0, 0.0]] * 2, poses[:, :2]])
     hit = np.zeros(runs, np.bool_)
     for k in range(round(RISK_S / dt)):
         after = (rng.random(runs)[:, None] > chances[mode]).sum(axis=1)
