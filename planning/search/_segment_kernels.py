@@ -70,11 +70,11 @@ def polyline_cost(price: np.ndarray, blocked: np.ndarray, points: np.ndarray) ->
 def start_at(
     path: np.ndarray, given: np.ndarray, price: np.ndarray, blocked: np.ndarray
 ) -> np.ndarray:
-    """The path with the given point before it, which replaces the first point if it lies in its cell.
+    """The path with the given point before it, which replaces the first point if it lies in its cell or on its border.
 
     If the segment to the second point is blocked, the first point stays between them.
     """
-    if not (abs(given[0] - path[0, 0]) < 0.5 and abs(given[1] - path[0, 1]) < 0.5):
+    if max(abs(given[0] - path[0, 0]), abs(given[1] - path[0, 1])) > 0.5 + 1e-9:
         return path
     direct = len(path) > 1 and segment_cost(price, blocked, given, path[1]) < np.inf
     rest = path[1:] if direct else path

@@ -237,6 +237,13 @@ def test_the_path_costs_no_more_than_dijkstras_and_keeps_clear():
     assert apart > 0.16 - 0.025 * math.sqrt(2.0)  # body radius less half a cell's diagonal
 
 
+@pytest.mark.parametrize("place", [(0.5, 0.5), (0.5, 0.525), (0.51, 0.51), (0.549, 0.5)])
+def test_a_path_begins_and_ends_at_the_given_points_also_on_borders_of_cells(place):
+    goal = (1.5 + place[0], 1.0 + place[1])
+    path = surefoot.find_path(np.zeros((60, 60)), 0.05, place, goal)
+    np.testing.assert_allclose(path[[0, -1], :2], [place, goal], atol=1e-9)
+
+
 def test_no_path_through_a_closed_wall():
     occupied = np.zeros((40, 40), bool)
     occupied[:, 20] = True
