@@ -22,6 +22,7 @@ from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
 from . import classify
 
+UPPER_ROWS = 2  # ours: of an image; what reaches them goes on above it
 KNEE_M = 0.15  # height at which a tracked obstacle is expected: every relevant one reaches it
 BEYOND_M = 0.15  # a depth this far behind a place shows that the place is free
 BORDER_SHARE = 0.02  # of the image width
@@ -103,6 +104,11 @@ def truncated(
     found = _hiders(depth, points, reach.stride)
     found[border | ends] = CUT
     return found
+
+
+def uppermost(view: SegmentedView, points: Points) -> Bool[np.ndarray, "n"]:
+    """Which points of a view lie at the upper border of its image."""
+    return points.pixels < UPPER_ROWS * view.depth.camera.width
 
 
 def _hiders(depth: Depth, points: Points, stride: int) -> Int[np.ndarray, "n"]:

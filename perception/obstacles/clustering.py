@@ -3,7 +3,8 @@
 Connected points on a plan of small cells form a cluster. Objects that touch below but are separate above (people side
 by side) are split by their tops. Only the near side of an object is visible, so its centre lies behind the mean of
 its points: by pi/4 of the radius if it is round and far, the mean over the visible half of a circle; by more
-close by, where less than half is visible. The centre of a truncated object is unknown, except for round ones
+close by, where less than half is visible. A sensor above an object sees its top, and so its far edge. The centre of a
+truncated object is unknown, except for round ones
 close by, to which a circle is fitted (`circle_fit`).
 
 A cluster reaches down into the height of the robot; a shelf above is none. Walls and long furniture give large
@@ -47,6 +48,9 @@ NEARNESS = (
 SHAPE_PER_M = (
     0.6  # ours: centre error of a flat, round or angular front is this times radius squared, m
 )
+SEEN = 0.4  # ours: share of that error where both edges are seen
+SLICE_M = 0.02  # ours: of the depth of an object whose top is seen
+LEAST_SLOPE = 0.15  # ours: of the line of sight to a top that shows its far edge
 PLACE_SIGMA_M = 0.004  # ours: error common to all points of an object, at the sensor
 PLACE_SIGMA_PER_M = 0.006  # ours: its growth with range; half a pixel at either edge
 CIRCLE_MOST_M = 1.0  # ours: range up to which a circle is fitted to a truncated object
@@ -137,6 +141,7 @@ def cluster(
     truncated: Int[np.ndarray, "n"] | None = None,
     floor_band: Float[np.ndarray, "n"] | None = None,
     uppermost: Bool[np.ndarray, "n"] | None = None,
+    sensor_height_m: float = 0.0,
 ) -> list[Cluster]:
     """Separate objects, the nearest to the sensor first.
 
@@ -151,6 +156,7 @@ def cluster(
         floor_band: Height at each point up to which it may be floor, with all errors of the plane
             (`classify.band`), m; a cluster whose top does not exceed it is none. None: the least height alone.
         uppermost: Points at the upper border of the image; None: no object reaches it.
+        sensor_height_m: Height of the sensor above the floor.
 
     Raises:
         InputError: Points or sigma are not finite.
@@ -180,18 +186,19 @@ def cluster(
             continue
         mine = order[first:last]
         whole = truncated is None or _ends(truncated, mine, labels) < TRUNCATED_POINTS
-        above = uppermost is not None and int(uppermost[mine].sum()) >= TRUNCATED_POINTS
+        cut_above = uppermost is not None and int(uppermost[mine].sum()) >= TRUNCATED_POINTS
         mine = mine[:: max(len(mine) // ENOUGH, 1)]
         members = points[mine]
         height = float(np.quantile(members[:, 2], 0.99))
         band = 0.0 if floor_band is None else float(np.mean(floor_band[mine]))
         if height < max(config.least_height_m, band):
             continue
-        measured = _measure(members, sigma[mine], int(last - first), sensor_xy, height)
+        above = -math.inf if cut_above else sensor_height_m - height
+        measured = _measure(members, sigma[mine], int(last - first), sensor_xy, height, above)
         if not whole:
             measured = _with_circle(replace(measured, whole=False), members, sensor_xy)
         surface = mine[_front(members, sensor_xy, height)]
-        found.append(replace(measured, surface=surface, goes_on_above=above))
+        found.append(replace(measured, surface=surface, goes_on_above=cut_above))
     return sorted(found, key=lambda c: float(np.hypot(*(c.centre - sensor_xy))))
 
 
@@ -273,8 +280,9 @@ def _measure(
     count: int,
     sensor_xy: Float[np.ndarray, "2"],
     height_m: float,
+    sensor_above_m: float,
 ) -> Cluster:
-    """Disc, covariance and rectangle of one object."""
+    """Disc, covariance and rectangle of one object, whose top the sensor is above by some height."""
     mean = members[:, :2].mean(axis=0)
     ahead = mean - sensor_xy
     ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
@@ -286,17 +294,20 @@ def _measure(
     noise = float(np.mean(sigma))
     away = float(np.linalg.norm(mean - sensor_xy))
     place = math.hypot(PLACE_SIGMA_M, PLACE_SIGMA_PER_M * away)
+    top_seen = sensor_above_m > LEAST_SLOPE * away
     if across <= ROUND_M and depth_seen <= 2.0 * ROUND_M:
         nearness = across / max(away, across)
         push = math.pi / 4.0 * across * (1.0 + NEARNESS[1] * nearness)
-        across *= 1.0 + NEARNESS[0] * nearness
+        across *= 1.0 if top_seen else 1.0 + NEARNESS[0] * nearness
         along = max(push, nearest + depth_seen / 2.0)
+        if top_seen:
+            along = _middle_of_evenly_spread(local[:, 0])
         middle = np.array([along, (left + right) / 2.0])
         middle_local = local - middle
         reach = np.quantile(np.hypot(middle_local[:, 0], middle_local[:, 1]), 0.9)
         radius = max(across, float(reach) - 1.28 * noise)  # 90 % quantile of the noise
         shape = SHAPE_PER_M * radius**2
-        sigmas = np.array([math.hypot(shape, place), 0.4 * shape])
+        sigmas = np.array([math.hypot(SEEN * shape if top_seen else shape, place), SEEN * shape])
     else:
         middle = np.array([(nearest + farthest) / 2.0, (left + right) / 2.0])
         radius = math.hypot(across, depth_seen / 2.0)
@@ -356,6 +367,18 @@ def _extent(local: Float[np.ndarray, "n 2"]) -> tuple[float, float, float, float
     grown = (high - low) * 0.03 / 0.94
     low, high = low - grown, high + grown
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _middle_of_evenly_spread(along: Float[np.ndarray, "n"]) -> float:
+    """Middle between both ends, each slice along the ray counting alike: a front has more points than a top."""
+    slices = np.floor(along / SLICE_M).astype(np.int64)
+    slices -= slices.min()
+    counts = np.bincount(slices)
+    weights = np.where(counts >= CELL_POINTS, 1.0, 0.0)[slices] / counts[slices]
+    order = np.argsort(along, kind="stable")
+    below = np.cumsum(weights[order])
+    ends = np.searchsorted(below, below[-1] * np.array([0.03, 0.97]))
+    return float(along[order][np.minimum(ends, len(along) - 1)].mean())
 
 
 def _rectangle(xy: Float[np.ndarray, "n 2"]) -> Footprint:

@@ -11,7 +11,7 @@ from perception.depth.reach import ReachConfig
 from perception.floor import classify
 from perception.floor.classify import ClassConfig
 from perception.floor.levelling import camera_above_floor
-from perception.floor.segmented_view import SegmentedView, truncated
+from perception.floor.segmented_view import SegmentedView, truncated, uppermost
 from perception.obstacles import clustering
 from perception.obstacles.clustering import Cluster, ClusterConfig
 from perception.primitives.camera import Camera
@@ -88,6 +88,8 @@ def find_obstacles(
         np.zeros(2),
         ClusterConfig(robot_top_m=height_m + HEADROOM_M),
         truncated(view, cloud.of(rising), reach),
+        uppermost=uppermost(view, cloud.of(rising)),
+        sensor_height_m=floor.offset_m,
     )
 
 

@@ -20,7 +20,7 @@ from perception.depth.health import DepthHealth
 from perception.depth.sources import DepthSources
 from perception.estimate import Estimate
 from perception.floor import choose, classify
-from perception.floor.segmented_view import SegmentedView, Sight, truncated
+from perception.floor.segmented_view import SegmentedView, Sight, truncated, uppermost
 from perception.localisation import landmarks
 from perception.localisation.filter import PoseFilter, UpdateReport
 from perception.localisation.given_poses import GivenPoses
@@ -51,7 +51,6 @@ from .ground_watch import GroundWatch
 from .maps import RunMaps
 
 FLOORS = 6  # ours: floors that are compared with the joints together; two seconds of two cameras
-UPPER_ROWS = 2  # ours: of an image; what reaches them goes on above it
 HEIGHTS, MISPLACED_NIS = 4, 1e3
 """Ours: pictures whose tags are compared with their heights together; what a picture of misplaced tags counts."""
 
@@ -252,7 +251,7 @@ class Pipeline:
             beside = truncated(view, chosen, reach, others)
             cut.append(np.where(beside >= 0, beside + before, beside))
             before += len(chosen)
-            upper.append(chosen.pixels < UPPER_ROWS * view.depth.camera.width)
+            upper.append(uppermost(view, chosen))
             bands.append(classify.band(chosen, view.floor, self.config.classes))
             in_space.append((T_body_map @ view.T_map_camera).apply(chosen.xyz))
         found = clustering.cluster(
@@ -263,6 +262,7 @@ class Pipeline:
             np.concatenate(cut),
             np.concatenate(bands),
             np.concatenate(upper),
+            views[0].floor.offset_m,
         )
         found = legs.joined(found)
         points_in_body = np.concatenate(in_space)

@@ -110,6 +110,51 @@ def test_no_obstacles_on_an_empty_floor():
     assert surefoot.find_obstacles(scene(), CAMERA) == []
 
 
+def seen_from_above(kind: str, x: float, y: float, half: tuple[float, float], top: float, rng):
+    """Depth of a floor with a box (half sides) or a cylinder (radius), 1.2 m below a camera that looks 0.6 rad down."""
+    camera = surefoot.Camera.from_view(320, 240, 1.05, 0.85)
+    rays = camera.rays @ head_rotation(0.0, 0.6).T
+    height = 1.2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        floor, lid = height / -rays[..., 2], (height - top) / -rays[..., 2]
+        if kind == "box":
+            sides = [
+                ((c - h) / r, (c + h) / r)
+                for c, h, r in ((x, half[0], rays[..., 0]), (y, half[1], rays[..., 1]))
+            ]
+            enter = np.maximum.reduce([np.minimum(*side) for side in (*sides, (floor, lid))])
+            leave = np.minimum.reduce([np.maximum(*side) for side in (*sides, (floor, lid))])
+            body = np.where((enter < leave) & (enter > 0.0), enter, np.inf)
+        else:
+            a, b = rays[..., 0] ** 2 + rays[..., 1] ** 2, rays[..., 0] * x + rays[..., 1] * y
+            root = np.sqrt(b**2 - a * (x**2 + y**2 - half[0] ** 2))
+            side = np.where(height + (b - root) / a * rays[..., 2] < top, (b - root) / a, lid)
+            body = np.where((side < (b + root) / a) & (side > 0.0), side, np.inf)
+    z = np.fmin(np.where(floor > 0.0, floor, np.inf), body)
+    z = np.where(z < 4.0, z, np.nan)
+    return camera, z + (0.0012 + 0.0019 * (z - 0.4) ** 2) * rng.normal(size=z.shape)
+
+
+@pytest.mark.parametrize("kind", ["box", "cylinder"])
+def test_the_centre_of_an_object_whose_top_is_seen_is_that_of_its_outline(kind):
+    errors, squares = [], []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        place, half = (
+            np.array([rng.uniform(1.1, 2.0), rng.uniform(-0.4, 0.4)]),
+            rng.uniform(0.06, 0.2, 2),
+        )
+        camera, depth = seen_from_above(kind, *place, half, rng.uniform(0.1, 0.6), rng)
+        (found,) = surefoot.find_obstacles(depth, camera)
+        assert found.placed
+        error = found.centre - place
+        errors.append(float(error @ place) / math.hypot(*place))
+        squares.append(error @ np.linalg.solve(found.covariance, error) / 2.0)
+    assert abs(np.mean(errors)) < 0.015
+    assert np.sqrt(np.mean(np.square(errors))) < 0.03
+    assert np.mean(squares) < 1.5
+
+
 def test_the_footprint_of_a_block_is_its_rectangle():
     x, y, z = np.meshgrid(
         np.arange(1, 1.51, 0.02), np.arange(0, 0.31, 0.02), np.arange(0.02, 0.4, 0.02)
