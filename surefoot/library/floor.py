@@ -13,7 +13,6 @@ from perception.floor.choose import Floor
 from perception.floor.prior import handheld_prior, kinematic_prior
 from perception.localisation.pose_source import PriorConfig
 from perception.primitives.camera import Camera
-from perception.primitives.errors import InputError
 from perception.primitives.frame import Depth
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose3
@@ -60,26 +59,23 @@ def find_floor(
     Source: seed 003, section 3, Fig. 4; Nguyen, Izadi, Lovell 2012 (noise).
     """
     depth = checks.depth_image(depth_m, camera, scale_per_metre, sigma_m, T_body_camera)
-    cloud = points.from_depth(depth, nearest_m, farthest_m)
-    found = search(cloud, depth, up, sigma_m is None, seed)
+    reach = checks.reach(nearest_m, farthest_m)
+    cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m)
+    found = search(cloud, depth, up, seed)
     return None if found is None else found.plane
 
 
-def search(
-    cloud: Points, depth: Depth, up: ArrayLike | None, structured_light: bool, seed: int
-) -> Floor | None:
+def search(cloud: Points, depth: Depth, up: ArrayLike | None, seed: int) -> Floor | None:
     """The floor among the points of a checked image.
 
     Args:
         cloud: Points of the image.
         depth: The image.
-        up: As for `find_floor`.
-        structured_light: Whether the noise is that of a structured-light camera, with its shared error.
-        seed: Of the random samples.
+        up, seed: As for `find_floor`.
     """
-    sensor = "depth" if structured_light else None
     prior = expected(depth.T_body_camera, up)
-    return choose.find(cloud, prior, np.random.default_rng(seed), None, sensor)
+    rng = np.random.default_rng(checks.whole(seed, "seed"))
+    return choose.find(cloud, prior, rng)
 
 
 def expected(T_body_camera: Pose3 | None, up: ArrayLike | None) -> Plane:
@@ -91,11 +87,9 @@ def expected(T_body_camera: Pose3 | None, up: ArrayLike | None) -> Plane:
     Raises:
         InputError: `up` is no direction.
     """
-    if T_body_camera is not None:
+    mount = checks.optional(T_body_camera, Pose3, "T_body_camera")
+    if mount is not None:
         config = PriorConfig()
         tilt = math.radians(config.joints_tilt_deg)
-        return kinematic_prior(T_body_camera, tilt, config.joints_height_m)
-    direction = None if up is None else checks.numbers(up, (3,), "up")
-    if direction is not None and not np.any(direction):
-        raise InputError("up must not be the zero vector")
-    return handheld_prior(direction)
+        return kinematic_prior(mount, tilt, config.joints_height_m)
+    return handheld_prior(None if up is None else checks.direction(up, "up"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from perception.depth.reach import ReachConfig
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose3
@@ -44,7 +43,7 @@ def find_regions(
     Source: ours, after Proenca and Gao 2018; Nguyen, Izadi, Lovell 2012 (noise).
     """
     depth = checks.depth_image(depth_m, camera, scale_per_metre, sigma_m)
-    return segmentation.find(depth, ReachConfig(nearest_m, farthest_m))
+    return segmentation.find(depth, checks.reach(nearest_m, farthest_m))
 
 
 def find_stairs(
