@@ -47,6 +47,7 @@ class Pipeline:
         start: Pose2 | None = None,
         start_covariance: ArrayLike | None = None,
         up_world: ArrayLike | None = None,
+        calibrated: bool = False,
     ) -> None:
         """Begin with empty maps.
 
@@ -57,6 +58,8 @@ class Pipeline:
             start_covariance: (3, 3) of (x, y, yaw) of the start, m and rad; None: 2 cm and 1 degree.
             up_world: (3,), direction that points up in the frame of `T_world_camera`; None: the first floor
                 seen is horizontal.
+            calibrated: Whether the depth hardly bends, which makes the covariance of floors smaller, as for
+                `find_floor`.
 
         Raises:
             InputError: An argument has the wrong type or shape, or needs `start`.
@@ -77,6 +80,7 @@ class Pipeline:
             start=checks.optional(start, Pose2, "start"),
             start_covariance=covariance,
             gravity_up_world=up,
+            calibrated=bool(calibrated),
         )
         self._need_start(landmarks=self._info.landmarks or None, start_covariance=covariance)
         self._pipeline: run_pipeline.Pipeline | None = None

@@ -69,6 +69,16 @@ def test_arrays_of_a_walking_body_give_pose_floor_and_grid():
     assert pipeline.footprints() == []
 
 
+def test_calibrated_depth_has_a_floor_with_a_smaller_standard_deviation():
+    sigma_m = {}
+    for calibrated in (False, True):
+        pipeline = surefoot.Pipeline(up_world=(0.0, 0.0, 1.0), calibrated=calibrated)
+        world = pipeline.add(0.0, depth_m=floor_depth(), camera=CAMERA, T_world_camera=MOUNT)
+        assert world.floor is not None
+        sigma_m[calibrated] = np.sqrt(world.floor.covariance[2, 2])
+    assert sigma_m[True] < sigma_m[False] / 4.0
+
+
 def test_settings_may_come_from_a_file(tmp_path):
     file = tmp_path / "far.toml"
     file.write_text("[reach.depth]\nfarthest_m = 0.5\n")
