@@ -7,8 +7,7 @@ The tracker makes one for every new obstacle. Unlike ours it takes the robot's p
 
 import numpy as np
 
-from perception.filtering.consistency import Innovation
-from surefoot import Gaussian, Pose2
+from surefoot import Gaussian, Innovation, Pose2
 
 ACCELERATION_MPS2 = 0.008
 H = np.eye(2, 4)  # the position of (x, y, vx, vy) is measured

@@ -4,14 +4,14 @@ The library for a user's own programs; the names below load what they need on fi
 
 Values: `Camera`, `Plane`, `Pose2`, `Pose3`, `Gaussian`, `Landmark`, `Obstacle`, `Footprint`, `Cluster`, `Region`, `Staircase`, `RobotModel`;
 `Frame` with `DepthView`, `RangeView`, `StereoView`, `ColourView`, `StepOdometry`, `Imu`, `Depth`; `WorldModel`;
-`Config`; `SurefootError` and its kind `InputError`.
+`Config`; `SurefootError` and its kinds `InputError`, `RecordingError`, `OutputError`.
 
 Functions on NumPy arrays: `find_floor`, `find_regions`, `find_stairs`, `find_obstacles`, `find_footprints`,
 `stereo_depth`, `gaze_map`, `find_path`. Objects that live from frame to frame: `Tracker`, `Pipeline`. Whole runs: `simulate`, `process`, `map`,
 `panorama`, `monocular`, `evaluate`, which return a `Run`.
 
 Plug-ins, by class or as "package.module:Class": `Planner` (gives a `Decision` of `WalkCommand` and `GazeCommand`),
-`GazePolicy`, `MotionModel`, `DepthSource`, `Recording` (with `RecordingInfo`). `examples/` has one of each.
+`GazePolicy`, `MotionModel` (gives an `Innovation`), `DepthSource`, `Recording` (with `RecordingInfo`). `examples/` has one of each.
 
 Lengths are in m, angles in rad, time in s. Body and map frames have z up, x ahead and y left; camera frames x
 right, y down, z ahead. `T_a_b` maps points of frame b to frame a.
@@ -33,11 +33,12 @@ _refuse_namesakes()
 if TYPE_CHECKING:
     from mapping.objects.footprints import Footprint
     from perception.depth.sources import DepthSource
+    from perception.filtering.consistency import Innovation
     from perception.obstacles.clustering import Cluster
     from perception.obstacles.motion_model import MotionModel
     from perception.obstacles.track import Detection
     from perception.primitives.camera import Camera
-    from perception.primitives.errors import InputError, SurefootError
+    from perception.primitives.errors import InputError, OutputError, RecordingError, SurefootError
     from perception.primitives.frame import (
         ColourView,
         Depth,
@@ -79,11 +80,12 @@ if TYPE_CHECKING:
 _MODULES = {
     "mapping.objects.footprints": ("Footprint",),
     "perception.depth.sources": ("DepthSource",),
+    "perception.filtering.consistency": ("Innovation",),
     "perception.obstacles.clustering": ("Cluster",),
     "perception.obstacles.motion_model": ("MotionModel",),
     "perception.obstacles.track": ("Detection",),
     "perception.primitives.camera": ("Camera",),
-    "perception.primitives.errors": ("InputError", "SurefootError"),
+    "perception.primitives.errors": ("InputError", "OutputError", "RecordingError", "SurefootError"),
     "perception.primitives.frame": (
         "ColourView", "Depth", "DepthView", "Frame", "Imu", "RangeView", "StepOdometry", "StereoView",
     ),
@@ -116,9 +118,9 @@ _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
     "Camera", "Cluster", "ColourView", "Config", "Decision", "Depth", "DepthSource", "DepthView", "Detection", "Footprint",
-    "Frame", "Gaussian", "GazeCommand", "GazePolicy", "Imu", "InputError", "Landmark", "MotionModel",
-    "Obstacle", "Pipeline", "Plane", "Planner", "Pose2", "Pose3", "RangeView", "Recording", "RecordingInfo",
-    "Region", "RobotModel", "Run", "Staircase", "StepOdometry", "StereoView", "SurefootError", "Tracker", "WalkCommand",
+    "Frame", "Gaussian", "GazeCommand", "GazePolicy", "Imu", "Innovation", "InputError", "Landmark", "MotionModel",
+    "Obstacle", "OutputError", "Pipeline", "Plane", "Planner", "Pose2", "Pose3", "RangeView", "Recording", "RecordingError",
+    "RecordingInfo", "Region", "RobotModel", "Run", "Staircase", "StepOdometry", "StereoView", "SurefootError", "Tracker", "WalkCommand",
     "WorldModel", "__version__", "evaluate", "find_floor", "find_footprints", "find_obstacles", "find_path",
     "find_regions", "find_stairs", "gaze_map", "map", "monocular", "panorama", "process", "simulate", "stereo_depth",
 ]  # fmt: skip

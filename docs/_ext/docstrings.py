@@ -31,10 +31,10 @@ GROUPS = {
     ),
     "Sensor data": ("Frame", "DepthView", "RangeView", "StereoView", "ColourView", "StepOdometry", "Imu", "Depth"),
     "Plug-ins": (
-        "Planner", "Decision", "WalkCommand", "GazeCommand", "GazePolicy", "MotionModel", "DepthSource", "Recording",
-        "RecordingInfo",
+        "Planner", "Decision", "WalkCommand", "GazeCommand", "GazePolicy", "MotionModel", "Innovation", "DepthSource",
+        "Recording", "RecordingInfo",
     ),
-    "Errors": ("SurefootError", "InputError"),
+    "Errors": ("SurefootError", "InputError", "RecordingError", "OutputError"),
 }  # fmt: skip
 VALUES = ("property", "attribute", "data")
 HIDDEN = "\ue000"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Integral, Real
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -33,6 +34,20 @@ class Camera:
     distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            if not isinstance(getattr(self, name), Integral):
+                raise ConfigError(
+                    f"camera: {name}={getattr(self, name)!r} px must be a whole number"
+                )
+        for name in ("fx", "fy", "cx", "cy"):
+            if not isinstance(getattr(self, name), Real):
+                raise ConfigError(f"camera: {name}={getattr(self, name)!r} px must be a number")
+        try:
+            object.__setattr__(self, "distortion", tuple(map(float, self.distortion)))
+        except (TypeError, ValueError) as error:
+            raise ConfigError(
+                f"camera: distortion={self.distortion!r} must be 5 or 8 numbers"
+            ) from error
         if self.width < 1 or self.height < 1:
             raise ConfigError(f"camera: image {self.width}x{self.height} px must be at least 1x1")
         for name in ("fx", "fy"):

@@ -7,6 +7,7 @@ written to a file and read back to the same bits.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -91,12 +92,23 @@ class Pose3:
     quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
     @staticmethod
-    def from_matrix(matrix: Float[np.ndarray, "4 4"]) -> Pose3:
+    def from_matrix(matrix: Float[np.ndarray, "4 4"] | Sequence[Sequence[float]]) -> Pose3:
         """From a homogeneous matrix.
 
         Raises:
-            InputError: A number is not finite, or the matrix is not a rigid motion.
+            InputError: The matrix is not (4, 4) numbers, one is not finite, or it is not a rigid motion.
         """
+        try:
+            matrix = np.asarray(matrix, np.float64)
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"matrix of a pose is no array of numbers ({error}); expected (4, 4)"
+            ) from error
+        if matrix.shape != (4, 4):
+            raise InputError(
+                f"matrix of a pose has shape {matrix.shape}; expected (4, 4); from a rotation and a translation: "
+                "Pose3.from_rotation(R, t)"
+            )
         rotation = matrix[:3, :3]
         if not np.isfinite(matrix).all():
             raise InputError("pose has a value that is not finite")

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Mapping, Sequence
+import operator
+import typing
+from collections.abc import Iterable, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -12,11 +15,20 @@ import numpy.typing as npt
 from jaxtyping import Float, Float32, UInt8
 
 from perception.depth import structured_light
+from perception.depth.reach import ReachConfig
 from perception.depth.structured_light import StructuredLightConfig
+from perception.primitives import plugins
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
-from perception.primitives.frame import Depth, DepthView
-from perception.primitives.pose import Pose3
+from perception.primitives.frame import Depth, DepthView, Imu, StepOdometry
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.landmark import Landmark
+from perception.primitives.plane import Plane
+from perception.primitives.pose import Pose2, Pose3
+from planning.commands import GazeCommand
+
+from .. import __all__ as PUBLIC
+from ..config import toml
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike as ArrayLike
@@ -27,17 +39,121 @@ C = TypeVar("C")
 MILLIMETRES = 50.0  # ours: a median depth above this, in m, is a depth in millimetres
 
 
-def pinhole(camera: Any, what: str = "camera") -> Camera:
-    """A camera, if it is one.
+ENTRIES: dict[type, dict[str, Any]] = {
+    Camera: dict.fromkeys(("width", "height", "fx", "fy", "cx", "cy"), ()),
+    Pose2: {"x": (), "y": (), "yaw": ()},
+    Pose3: {"translation": (3,), "quat_xyzw": (4,)},
+    Plane: {"normal": (3,), "offset_m": (), "covariance": (3, 3)},
+    Gaussian: {"mean": (3,), "covariance": (3, 3)},  # of a body's pose: no other is taken
+    Landmark: {"identity": (), "position": (3,), "side_m": ()},
+    GazeCommand: {"pan_rad": (), "tilt_rad": ()},
+    StepOdometry: {"motion": Pose2, "steps": (), "rise_m": ()},
+    Imu: {"angular_velocity": (3,), "specific_force": (3,)},
+}
+"""Values that the functions take: shape of each entry, or its class."""
+HINTS: dict[type, str] = {
+    Pose3: "; from a (4, 4) matrix: surefoot.Pose3.from_matrix(T)",
+    Plane: ", as find_floor returns it; a direction goes to `up`",
+    Mapping: ' of names to values, such as {"reach.tof.farthest_m": 2.5}',
+}
+"""What else helps to give such a value."""
+
+
+def instance(value: Any, kind: type[C], what: str) -> C:
+    """A value, if it is one of this class, with finite numbers of the right shapes.
 
     Raises:
-        InputError: It is not a `surefoot.Camera`.
+        InputError: Otherwise.
     """
-    if not isinstance(camera, Camera):
+    if not isinstance(value, kind):
+        raise InputError(f"{what} is a {type(value).__name__}; expected {_made(kind)}")
+    for name, inner in ENTRIES.get(kind, {}).items():
+        part = getattr(value, name)
+        if isinstance(inner, type):
+            instance(part, inner, f"{what}.{name}")
+        else:
+            numbers(part, inner, f"{what}.{name}")
+    return value
+
+
+def _made(kind: type) -> str:
+    """How a value of a class is made."""
+    public = f"surefoot.{kind.__name__}" if kind.__name__ in PUBLIC else kind.__name__
+    entries = ", ".join(ENTRIES.get(kind, {}))
+    return public + f"({entries})" * bool(entries) + HINTS.get(kind, "")
+
+
+def optional(value: Any, kind: type[C], what: str) -> C | None:
+    """As `instance`, or None."""
+    return None if value is None else instance(value, kind, what)
+
+
+def every(values: Any, kind: type[C], what: str) -> tuple[C, ...]:
+    """As `instance`, for each of several values.
+
+    Raises:
+        InputError: They are none, or not several.
+    """
+    if not isinstance(values, Iterable):
+        raise InputError(f"{what} is a {type(values).__name__}; expected a list of {_made(kind)}")
+    return tuple(instance(one, kind, f"{what}[{i}]") for i, one in enumerate(values))
+
+
+def path(value: Any, what: str) -> Path:
+    """A path.
+
+    Raises:
+        InputError: It is neither text nor a path.
+    """
+    if not isinstance(value, (str, PathLike)):
+        raise InputError(f"{what} is a {type(value).__name__}; expected a path")
+    return Path(value)
+
+
+def plugin(value: Any, what: str) -> str:
+    """The name of an implementation, given as such or as a class.
+
+    Raises:
+        InputError: It is neither.
+    """
+    if not isinstance(value, (str, type)):
         raise InputError(
-            f"{what} is a {type(camera).__name__}; expected surefoot.Camera(width, height, fx, fy, cx, cy)"
+            f'{what} is a {type(value).__name__}; expected a name, "package.module:Class", or a class itself'
         )
-    return camera
+    return plugins.name_of(value)
+
+
+def array(
+    values: Any, what: str, expected: str, kinds: str, axes: Sequence[int]
+) -> npt.NDArray[Any]:
+    """An array.
+
+    Args:
+        values: To convert.
+        what: Name of the argument, for messages.
+        expected: What is expected, for messages.
+        kinds: Allowed `dtype.kind`.
+        axes: Allowed numbers of axes.
+
+    Raises:
+        InputError: It is missing, no array, or of another kind or number of axes.
+    """
+    if values is None:
+        raise InputError(f"{what} is missing; expected {expected}")
+    try:
+        found = np.asarray(values)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} is no array ({error}); expected {expected}") from error
+    if found.ndim == 0 and found.dtype.kind not in kinds:
+        raise InputError(f"{what}={values!r}; expected {expected}")
+    if found.ndim not in axes or found.dtype.kind not in kinds:
+        raise unfit(what, found, expected)
+    return found
+
+
+def unfit(what: str, found: npt.NDArray[Any], expected: str) -> InputError:
+    """That an array has the wrong type or shape."""
+    return InputError(f"{what} is {found.dtype} of shape {found.shape}; expected {expected}")
 
 
 def image_shape(image: npt.NDArray[Any], camera: Camera, what: str) -> None:
@@ -67,12 +183,8 @@ def metres(
     Raises:
         InputError: Wrong shape or type, integers without a scale, or a depth that must be in millimetres.
     """
-    values = np.asarray(depth)
-    if values.ndim != 2 or values.dtype.kind not in "fui":
-        raise InputError(
-            f"{what} is {values.dtype} of shape {values.shape}; expected (rows, columns) of floating point "
-            "in m, or of integers with scale_per_metre"
-        )
+    expected = "(rows, columns) of floating point in m, or of integers with scale_per_metre"
+    values = array(depth, what, expected, "fui", (2,))
     image_shape(values, camera, what)
     if scale_per_metre is None:
         if values.dtype.kind != "f":
@@ -113,21 +225,19 @@ def depth_image(
     Raises:
         InputError: As `metres`; or sigma_m has another shape or is not positive.
     """
-    camera = pinhole(camera)
+    camera = instance(camera, Camera, "camera")
+    mount = optional(T_body_camera, Pose3, "T_body_camera")
     image = metres(depth_m, camera, scale_per_metre)
     if sigma_m is None:
-        return structured_light.depth(
-            DepthView(image, camera, T_body_camera), StructuredLightConfig()
-        )
-    sigma = np.asarray(sigma_m, np.float32)
+        return structured_light.depth(DepthView(image, camera, mount), StructuredLightConfig())
+    expected = f"one number or {image.shape}, as depth_m, in m"
+    sigma = array(sigma_m, "sigma_m", expected, "fui", (0, 2))
     if sigma.shape not in ((), image.shape):
-        raise InputError(
-            f"sigma_m has shape {sigma.shape}; expected one number or {image.shape}, as depth_m"
-        )
+        raise unfit("sigma_m", sigma, expected)
     sigma = np.where(np.isfinite(image), sigma, np.float32(np.nan)).astype(np.float32)
     if not (sigma[np.isfinite(image)] > 0.0).all():
         raise InputError("sigma_m must be positive wherever there is depth")
-    return Depth(image, sigma, camera, T_body_camera)
+    return Depth(image, sigma, camera, mount)
 
 
 def grey(image: ArrayLike, camera: Camera, what: str) -> UInt8[np.ndarray, "h w"]:
@@ -136,12 +246,10 @@ def grey(image: ArrayLike, camera: Camera, what: str) -> UInt8[np.ndarray, "h w"
     Raises:
         InputError: It is not uint8 of shape (h, w) or (h, w, 3), or not of the camera's size.
     """
-    values = np.asarray(image)
-    if values.dtype != np.uint8 or values.ndim not in (2, 3) or values.shape[2:] not in ((), (3,)):
-        raise InputError(
-            f"{what} is {values.dtype} of shape {values.shape}; expected uint8, (rows, columns) or "
-            "(rows, columns, 3)"
-        )
+    expected = "uint8, (rows, columns) or (rows, columns, 3)"
+    values = array(image, what, expected, "u", (2, 3))
+    if values.dtype != np.uint8 or values.shape[2:] not in ((), (3,)):
+        raise unfit(what, values, expected)
     image_shape(values, camera, what)
     if values.ndim == 2:
         return np.ascontiguousarray(values)
@@ -156,11 +264,10 @@ def colour(image: ArrayLike, camera: Camera, what: str = "rgb") -> UInt8[np.ndar
     Raises:
         InputError: It is not uint8 of shape (h, w, 3), or not of the camera's size.
     """
-    values = np.asarray(image)
-    if values.dtype != np.uint8 or values.ndim != 3 or values.shape[2] != 3:
-        raise InputError(
-            f"{what} is {values.dtype} of shape {values.shape}; expected uint8, (rows, columns, 3), red first"
-        )
+    expected = "uint8, (rows, columns, 3), red first"
+    values = array(image, what, expected, "u", (3,))
+    if values.dtype != np.uint8 or values.shape[2] != 3:
+        raise unfit(what, values, expected)
     image_shape(values, camera, what)
     return np.ascontiguousarray(values)
 
@@ -170,72 +277,141 @@ def numbers(
     shape: Sequence[int | None],
     what: str,
     default: float | None = None,
+    *,
+    shared: bool = False,
+    finite: bool = True,
 ) -> Float[np.ndarray, "..."]:
-    """Finite numbers of a shape.
+    """Numbers of a shape.
 
     Args:
-        values: To check; a single number stands for as many as `shape` asks for.
-        shape: Length of each axis; None for any length.
+        values: To check.
+        shape: Length of each axis; None for any length. An empty list serves where the first one may be 0.
         what: Name of the argument, for messages.
         default: Of every number, if `values` is None.
+        shared: Whether one entry may stand for all along the first axis.
+        finite: Whether NaN and infinity are refused.
 
     Raises:
-        InputError: Another shape, not numbers, or not finite.
+        InputError: Missing, another shape, not numbers, or not finite.
     """
-    wanted = ", ".join("n" if length is None else str(length) for length in shape)
-    expected = f"expected ({wanted}) of finite numbers"
-    if values is None:
-        if default is None:
-            raise InputError(f"{what} is missing; {expected}")
-        values = default
-    try:
-        array = np.array(values, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{what} is no array of numbers ({error}); {expected}") from error
-    if array.ndim == 0 and None not in shape:
-        array = np.full(tuple(length or 0 for length in shape), float(array))
-    if array.size == 0 and shape and shape[0] in (None, 0):
-        array = array.reshape(tuple(length or 0 for length in shape))
-    fits = array.ndim == len(shape) and all(
-        length in (None, have) for length, have in zip(shape, array.shape, strict=True)
+    if values is None and default is not None:
+        return np.full([length or 0 for length in shape], default)
+    several = f"{_written(shape)} of {'finite ' * finite}numbers" if shape else "a number"
+    expected = several + f", or {_written(shape[1:]) or 'one number'} for all" * shared
+    found = array(values, what, expected, "fui", range(4)).astype(np.float64)
+    if found.size == 0 and shape and shape[0] in (None, 0):
+        found = found.reshape([length or 0 for length in shape])
+    if shared and found.shape == tuple(shape[1:]):
+        found = np.broadcast_to(found, [length or 0 for length in shape]).copy()
+    fits = found.ndim == len(shape) and all(
+        length in (None, have) for length, have in zip(shape, found.shape, strict=True)
     )
     if not fits:
-        raise InputError(f"{what} has shape {array.shape}; {expected}")
-    if not np.isfinite(array).all():
-        raise InputError(f"{what} holds NaN or infinity; {expected}")
-    return array
+        raise InputError(f"{what} has shape {found.shape}; expected {expected}")
+    if finite and not np.isfinite(found).all():
+        raise InputError(f"{what} holds NaN or infinity; expected {expected}")
+    return found
 
 
-def covariances(values: ArrayLike | None, shape: Sequence[int], what: str) -> np.ndarray:
+def _written(shape: Sequence[int | None]) -> str:
+    """A shape as NumPy writes it, n for any length; empty for a single number."""
+    lengths = ["n" if length is None else str(length) for length in shape]
+    return f"({', '.join(lengths)}{',' * (len(lengths) == 1)})" if lengths else ""
+
+
+def covariances(
+    values: ArrayLike | None, shape: Sequence[int], what: str, *, shared: bool = False
+) -> np.ndarray:
     """Covariance matrices: symmetric, no negative eigenvalue.
 
     Raises:
         InputError: Otherwise, or another shape.
     """
-    array = numbers(values, shape, what)
-    if array.size == 0:
-        return array
-    scale = 1e-9 * (1.0 + float(np.abs(array).max()))
-    if not np.allclose(array, np.swapaxes(array, -1, -2), atol=scale):
+    found = numbers(values, shape, what, shared=shared)
+    if found.size == 0:
+        return found
+    scale = 1e-9 * (1.0 + float(np.abs(found).max()))
+    if not np.allclose(found, np.swapaxes(found, -1, -2), atol=scale):
         raise InputError(f"{what} must be symmetric")
-    if float(np.linalg.eigvalsh(array).min()) < -scale:
+    if float(np.linalg.eigvalsh(found).min()) < -scale:
         raise InputError(f"{what} has a negative eigenvalue; expected covariances")
-    return array
+    return found
 
 
-def positive(value: float, what: str) -> float:
+def radii(values: ArrayLike, count: int, what: str = "radii_m") -> Float[np.ndarray, "n"]:
+    """One radius for all or one each, m, not negative.
+
+    Raises:
+        InputError: Otherwise.
+    """
+    found = numbers(values, (count,), what, shared=True)
+    if (np.asarray(values) < 0.0).any():
+        raise InputError(f"{what} holds {np.min(values):g}; expected no negative radius")
+    return found
+
+
+def direction(values: ArrayLike, what: str) -> Float[np.ndarray, "3"]:
+    """A direction, of any length.
+
+    Raises:
+        InputError: Another shape, not finite, or of no length.
+    """
+    found = numbers(values, (3,), what)
+    if not np.any(found):
+        raise InputError(f"{what} must not be the zero vector")
+    return found
+
+
+def number(value: Any, what: str, *, finite: bool = True) -> float:
+    """A single number.
+
+    Raises:
+        InputError: Otherwise, or not finite.
+    """
+    return float(numbers(value, (), what, finite=finite))
+
+
+def positive(value: Any, what: str) -> float:
     """A positive finite number.
 
     Raises:
         InputError: Otherwise.
     """
+    found = number(value, what)
+    if not found > 0.0:
+        raise InputError(f"{what}={found:g} must be a positive finite number")
+    return found
+
+
+def whole(value: Any, what: str) -> int:
+    """A whole number that is not negative.
+
+    Raises:
+        InputError: Otherwise.
+    """
     try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not (math.isfinite(number) and number > 0.0):
-        raise InputError(f"{what}={value!r} must be a positive finite number")
-    return number
+        found = operator.index(value)
+    except TypeError:
+        found = -1
+    if found < 0:
+        raise InputError(f"{what}={value!r} must be a whole number that is not negative")
+    return found
+
+
+def reach(nearest_m: float, farthest_m: float) -> ReachConfig:
+    """The range of depths that is used.
+
+    Raises:
+        InputError: No numbers, or no range.
+    """
+    return ReachConfig(
+        number(nearest_m, "nearest_m"), number(farthest_m, "farthest_m", finite=False)
+    )
+
+
+def plain(value: Any) -> Any:
+    """A setting without NumPy's types."""
+    return value.tolist() if isinstance(value, (np.generic, np.ndarray)) else value
 
 
 def configured(kind: type[C], settings: Mapping[str, Any], what: str) -> C:
@@ -244,8 +420,13 @@ def configured(kind: type[C], settings: Mapping[str, Any], what: str) -> C:
     Raises:
         InputError: A name is unknown or a value impossible.
     """
-    known = [item.name for item in dataclasses.fields(kind)]  # type: ignore[arg-type]
-    for name in settings:
-        if name not in known:
-            raise InputError(f"{what}: unknown setting {name!r}; known: {', '.join(known)}")
-    return kind(**settings)
+    kinds = typing.get_type_hints(kind)
+    parts, values = {}, {}
+    for name, value in settings.items():
+        if name not in kinds:
+            raise InputError(f"{what}: unknown setting {name!r}; known: {', '.join(kinds)}")
+        if dataclasses.is_dataclass(value):
+            parts[name] = instance(value, kinds[name], name)
+        else:
+            values[name] = plain(value)
+    return toml.changed(kind(**parts), values)

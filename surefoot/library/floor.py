@@ -9,11 +9,10 @@ import numpy as np
 from perception.depth import points
 from perception.depth.points import Points
 from perception.floor import choose
-from perception.floor.choose import Floor
+from perception.floor.choose import Floor, FloorConfig
 from perception.floor.prior import handheld_prior, kinematic_prior
 from perception.localisation.pose_source import PriorConfig
 from perception.primitives.camera import Camera
-from perception.primitives.errors import InputError
 from perception.primitives.frame import Depth
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose3
@@ -32,6 +31,7 @@ def find_floor(
     sigma_m: ArrayLike | None = None,
     nearest_m: float = 0.3,
     farthest_m: float = 4.0,
+    calibrated: bool = False,
     seed: int = 0,
 ) -> Plane | None:
     """The floor in a depth image: a plane n.p + h = 0 with its covariance.
@@ -45,9 +45,12 @@ def find_floor(
         T_body_camera: Camera in a body frame with z = 0 on the floor, to about 1 degree and 1 cm (joint
             angles). It replaces `up`, and finds floors of which little is visible.
         scale_per_metre: Units per metre of an integer image: 1000 for millimetres.
-        sigma_m: Standard deviation of depth, one number or (h, w), m. None: that of a structured-light camera,
-            1.2 mm + 1.9 mm (z - 0.4)^2.
+        sigma_m: Standard deviation of the noise of each pixel alone, one number or (h, w), m. None: that of a
+            structured-light camera, 1.2 mm + 1.9 mm (z - 0.4)^2.
         nearest_m, farthest_m: Depths outside this range are not used.
+        calibrated: Whether the depth hardly bends: it was rendered, or its bend is calibrated. The covariance then
+            allows for a common error of 0.05 % + 0.05 % z/m of depth instead of 1 % + 0.5 % z/m, that of consumer
+            cameras.
         seed: Of the random samples; equal seeds give equal planes.
 
     Returns:
@@ -60,26 +63,34 @@ def find_floor(
     Source: seed 003, section 3, Fig. 4; Nguyen, Izadi, Lovell 2012 (noise).
     """
     depth = checks.depth_image(depth_m, camera, scale_per_metre, sigma_m, T_body_camera)
-    cloud = points.from_depth(depth, nearest_m, farthest_m)
-    found = search(cloud, depth, up, sigma_m is None, seed)
+    reach = checks.reach(nearest_m, farthest_m)
+    cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m)
+    found = search(cloud, depth, up, seed, calibrated)
     return None if found is None else found.plane
 
 
 def search(
-    cloud: Points, depth: Depth, up: ArrayLike | None, structured_light: bool, seed: int
+    cloud: Points, depth: Depth, up: ArrayLike | None, seed: int, calibrated: bool = False
 ) -> Floor | None:
     """The floor among the points of a checked image.
 
     Args:
         cloud: Points of the image.
         depth: The image.
-        up: As for `find_floor`.
-        structured_light: Whether the noise is that of a structured-light camera, with its shared error.
-        seed: Of the random samples.
+        up, seed, calibrated: As for `find_floor`.
     """
-    sensor = "depth" if structured_light else None
     prior = expected(depth.T_body_camera, up)
-    return choose.find(cloud, prior, np.random.default_rng(seed), None, sensor)
+    rng = np.random.default_rng(checks.whole(seed, "seed"))
+    return choose.find(cloud, prior, rng, allowing(calibrated))
+
+
+def allowing(calibrated: bool) -> FloorConfig:
+    """The search that allows for the bend of consumer cameras, or for what a calibration leaves of it."""
+    if not calibrated:
+        return FloorConfig()
+    from ..config.schema import CALIBRATED_DISTORTION  # takes a second
+
+    return FloorConfig(distortion=CALIBRATED_DISTORTION)
 
 
 def expected(T_body_camera: Pose3 | None, up: ArrayLike | None) -> Plane:
@@ -91,11 +102,9 @@ def expected(T_body_camera: Pose3 | None, up: ArrayLike | None) -> Plane:
     Raises:
         InputError: `up` is no direction.
     """
-    if T_body_camera is not None:
+    mount = checks.optional(T_body_camera, Pose3, "T_body_camera")
+    if mount is not None:
         config = PriorConfig()
         tilt = math.radians(config.joints_tilt_deg)
-        return kinematic_prior(T_body_camera, tilt, config.joints_height_m)
-    direction = None if up is None else checks.numbers(up, (3,), "up")
-    if direction is not None and not np.any(direction):
-        raise InputError("up must not be the zero vector")
-    return handheld_prior(direction)
+        return kinematic_prior(mount, tilt, config.joints_height_m)
+    return handheld_prior(None if up is None else checks.direction(up, "up"))

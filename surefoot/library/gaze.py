@@ -80,6 +80,7 @@ def gaze_map(
 
     Source: seed 001, section 3, eq. (1) to (6).
     """
+    checks.instance(robot, RobotModel, "robot")
     config = checks.configured(GazeMapConfig, {"head": robot.head, **settings}, "gaze_map")
     limits: EvaluationConfig = config.evaluation
     target = checks.numbers(waypoint, (2,), "waypoint")
@@ -91,7 +92,7 @@ def gaze_map(
         if count == 0
         else checks.covariances(covariances, (count, 2, 2), "covariances")
     )
-    radii = checks.numbers(radii_m, (count,), "radii_m")
+    radii = checks.radii(radii_m, count)
     own = (
         np.zeros((3, 3))
         if pose_covariance is None
@@ -102,7 +103,7 @@ def gaze_map(
     counted = _relevant(places, moved, speed)
     psi_obstacles = np.where(counted, evaluations.of_obstacles(places, moved, spreads, limits), 0.0)
     psi_way = evaluations.of_way(places[counted], radii[counted] + robot.radius_m, limits)
-    psi_map = evaluations.of_map(len(ground), int(fresh))
+    psi_map = evaluations.of_map(len(ground), checks.whole(fresh, "fresh"))
     psi_self = evaluations.of_self(own, limits)
     values = selection.gaze_map(
         psi_map,
@@ -114,7 +115,8 @@ def gaze_map(
         _from_eye(places[counted], robot),
         config,
     )
-    best = selection.highest_plateau(values, present or GazeCommand(), config)
+    now = checks.optional(present, GazeCommand, "present") or GazeCommand()
+    best = selection.highest_plateau(values, now, config)
     return GazeMap(
         values, config.pans, config.tilts, best, psi_map, psi_self, psi_way, psi_obstacles
     )

@@ -7,7 +7,6 @@ import numpy as np
 from mapping.objects import footprints
 from mapping.objects.footprints import Footprint
 from perception.depth import points
-from perception.depth.reach import ReachConfig
 from perception.floor import classify
 from perception.floor.classify import ClassConfig
 from perception.floor.levelling import camera_above_floor
@@ -15,7 +14,6 @@ from perception.floor.segmented_view import SegmentedView, truncated, uppermost
 from perception.obstacles import clustering
 from perception.obstacles.clustering import Cluster, ClusterConfig
 from perception.primitives.camera import Camera
-from perception.primitives.errors import InputError
 from perception.primitives.plane import Plane
 
 from . import checks
@@ -67,11 +65,11 @@ def find_obstacles(
     """
     depth = checks.depth_image(depth_m, camera, scale_per_metre, sigma_m)
     height_m = checks.positive(robot_height_m, "robot_height_m")
-    reach = ReachConfig(nearest_m, farthest_m)
-    cloud = points.from_depth(depth, nearest_m, farthest_m)
-    plane = floor
+    reach = checks.reach(nearest_m, farthest_m)
+    cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m)
+    floor = plane = checks.optional(floor, Plane, "floor")
     if floor is None:
-        found = search(cloud, depth, up, sigma_m is None, seed)
+        found = search(cloud, depth, up, seed)
         if found is None:
             return None
         floor, plane = found.plane, found.among_points
@@ -117,19 +115,13 @@ def find_footprints(
 
     Source: ours.
     """
-    cloud = np.asarray(points_m)
-    if cloud.ndim != 2 or cloud.shape[1] != 3 or cloud.dtype.kind not in "fui":
-        raise InputError(
-            f"points_m is {cloud.dtype} of shape {cloud.shape}; expected (n, 3) of numbers, m"
-        )
-    counts = None if sightings is None else np.asarray(sightings)
-    if counts is not None and (counts.shape != (len(cloud),) or counts.dtype.kind not in "ui"):
-        raise InputError(
-            f"sightings is {counts.dtype} of shape {counts.shape}; expected ({len(cloud)},) of integers"
-        )
-    sensor = None if sensor_m is None else np.asarray(sensor_m)
-    if sensor is not None and (sensor.shape != (len(cloud), 2) or sensor.dtype.kind not in "fui"):
-        raise InputError(
-            f"sensor_m is {sensor.dtype} of shape {sensor.shape}; expected ({len(cloud)}, 2) of numbers, m"
-        )
+    cloud = checks.numbers(points_m, (None, 3), "points_m", finite=False)
+    sensor = counts = None
+    if sightings is not None and len(cloud):
+        expected = f"({len(cloud)},) of integers"
+        counts = checks.array(sightings, "sightings", expected, "ui", (1,))
+        if len(counts) != len(cloud):
+            raise checks.unfit("sightings", counts, expected)
+    if sensor_m is not None:
+        sensor = checks.numbers(sensor_m, (len(cloud), 2), "sensor_m", finite=False)
     return footprints.find(footprints.voxels_of(cloud, counts, sensor))

@@ -52,14 +52,14 @@ def find_path(
 
     Source: seed 003, section 3 (potential, A*, shortcuts).
     """
-    cells = np.asarray(occupancy)
-    if cells.ndim != 2 or cells.dtype.kind not in "fb":
-        raise InputError(
-            f"occupancy is {cells.dtype} of shape {cells.shape}; expected (rows, columns) of booleans, or of "
-            "probabilities in [0, 1] with NaN for unknown"
-        )
+    expected = "(rows, columns) of booleans, or of probabilities in [0, 1] with NaN for unknown"
+    cells = checks.array(occupancy, "occupancy", expected, "fb", (2,))
     probability = cells.astype(np.float64)
     unknown = np.isnan(probability)
+    if (probability < 0.0).any() or (probability > 1.0).any():
+        raise InputError(
+            f"occupancy lies in [{np.nanmin(probability):g}, {np.nanmax(probability):g}]; expected {expected}"
+        )
     config = checks.configured(SearchConfig, settings, "find_path")
     found = astar.find_path(
         np.where(unknown, config.p_unknown, probability),
@@ -69,7 +69,7 @@ def find_path(
         checks.numbers(start, (2,), "start"),
         checks.numbers(goal, (2,), "goal"),
         config,
-        robot,
+        checks.instance(robot, RobotModel, "robot"),
     )
     if found is None:
         return None

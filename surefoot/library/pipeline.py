@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -16,13 +17,13 @@ from perception.primitives.landmark import Landmark
 from perception.primitives.pose import Pose2, Pose3
 from planning.world_model import WorldModel
 
-from ..config.load import load
 from ..config.schema import Config
 from ..recordings.codec import fault_of
 from ..recordings.recording import RecordingInfo
 from ..run import pipeline as run_pipeline
 from . import checks, views
 from .checks import ArrayLike
+from .verbs import configuration
 
 
 class Pipeline:
@@ -40,32 +41,34 @@ class Pipeline:
 
     def __init__(
         self,
-        config: Config | None = None,
+        config: Config | str | Path | None = None,
         *,
         landmarks: Sequence[Landmark] = (),
         start: Pose2 | None = None,
         start_covariance: ArrayLike | None = None,
         up_world: ArrayLike | None = None,
+        calibrated: bool = False,
     ) -> None:
         """Begin with empty maps.
 
         Args:
-            config: Settings; None for the defaults, `surefoot.Config`.
-            landmarks: Known fiducial tags, map frame.
+            config: Settings, or a TOML file of them; None for the defaults.
+            landmarks: Known fiducial tags, map frame; they need `start`.
             start: Pose of the body at the first frame, map frame.
             start_covariance: (3, 3) of (x, y, yaw) of the start, m and rad; None: 2 cm and 1 degree.
             up_world: (3,), direction that points up in the frame of `T_world_camera`; None: the first floor
                 seen is horizontal.
+            calibrated: Whether the depth hardly bends, which makes the covariance of floors smaller, as for
+                `find_floor`.
 
         Raises:
-            InputError: An argument has the wrong shape.
+            InputError: An argument has the wrong type or shape, or needs `start`.
         """
-        self._config = load(None) if config is None else config
+        self._config = configuration(config, {})
         up = None
         if up_world is not None:
-            direction = checks.numbers(up_world, (3,), "up_world")
-            length = checks.positive(float(np.linalg.norm(direction)), "length of up_world")
-            x, y, z = (direction / length).tolist()
+            direction = checks.direction(up_world, "up_world")
+            x, y, z = (direction / np.linalg.norm(direction)).tolist()
             up = (x, y, z)
         covariance = None
         if start_covariance is not None:
@@ -73,11 +76,13 @@ class Pipeline:
         self._info = RecordingInfo(
             name="frames",
             kind="frames",
-            landmarks=tuple(landmarks),
-            start=start,
+            landmarks=checks.every(landmarks, Landmark, "landmarks"),
+            start=checks.optional(start, Pose2, "start"),
             start_covariance=covariance,
             gravity_up_world=up,
+            calibrated=bool(calibrated),
         )
+        self._need_start(landmarks=self._info.landmarks or None, start_covariance=covariance)
         self._pipeline: run_pipeline.Pipeline | None = None
         self._world: WorldModel | None = None
         self._posed = False
@@ -125,8 +130,9 @@ class Pipeline:
             rgb_camera: Its intrinsics; None: those of `camera`.
             T_body_camera: Camera on the body: z = 0 of the body frame is the floor, x ahead, y left.
             T_world_camera: Camera in the world, where poses are given.
-            step: Motion of the body since the previous frame by its odometry; a `Pose2` counts as one step.
-            imu: Mean of the inertial sensor since the previous frame.
+            step: Motion of the body since the previous frame by its odometry; a `Pose2` counts as one step. It needs
+                `start`.
+            imu: Mean of the inertial sensor since the previous frame; it needs `start`.
             footstep_due: Whether the gait asks for its next step now.
 
         Returns:
@@ -139,7 +145,8 @@ class Pipeline:
             InputError: Nothing to use, time not advancing, an image of the wrong type or shape, or arguments
                 that do not fit together.
         """
-        mount, scale = T_body_camera, scale_per_metre
+        self._need_start(step=step, imu=imu)
+        mount, scale = checks.optional(T_body_camera, Pose3, "T_body_camera"), scale_per_metre
         depth = tof = stereo = colour = None
         if depth_m is not None:
             depth = views.depth_view(depth_m, camera, scale, mount)
@@ -149,9 +156,19 @@ class Pipeline:
             stereo = views.stereo_view(left, right, baseline_m, camera, mount)
         if rgb is not None:
             colour = views.colour_view(rgb, camera if rgb_camera is None else rgb_camera, mount)
-        odometry = StepOdometry(step, 1.0) if isinstance(step, Pose2) else step
+        odometry = step
+        if step is not None and not isinstance(step, StepOdometry):
+            odometry = StepOdometry(checks.instance(step, Pose2, "step"), 1.0)
         frame = Frame(
-            stamp_s, tof, depth, stereo, colour, odometry, imu, T_world_camera, footstep_due
+            checks.number(stamp_s, "stamp_s"),
+            tof,
+            depth,
+            stereo,
+            colour,
+            checks.optional(odometry, StepOdometry, "step"),
+            checks.optional(imu, Imu, "imu"),
+            checks.optional(T_world_camera, Pose3, "T_world_camera"),
+            footstep_due,
         )
         return self.add_frame(frame)
 
@@ -161,7 +178,7 @@ class Pipeline:
         Raises:
             InputError: As `add`.
         """
-        self._check(frame)
+        self._check(checks.instance(frame, Frame, "frame"))
         if self._pipeline is None:
             self._posed = frame.T_world_camera is not None
             info = dataclasses.replace(self._info, poses_given=self._posed)
@@ -173,6 +190,15 @@ class Pipeline:
     def footprints(self) -> list[Footprint]:
         """Outlines of the static obstacles mapped so far, map frame; those of most points first."""
         return [] if self._pipeline is None else self._pipeline.maps.footprints()
+
+    def _need_start(self, **given: object) -> None:
+        """Refuse what only the localisation of a walking body uses, if there is none."""
+        for name, value in given.items():
+            if value is not None and self._info.start is None:
+                raise InputError(
+                    f"{name} needs start, the pose of a walking body; expected "
+                    f"Pipeline(start=surefoot.Pose2(x, y, yaw)), or no {name}"
+                )
 
     def _check(self, frame: Frame) -> None:
         """Refuse what the pipeline would leave aside without a word."""
@@ -190,7 +216,7 @@ class Pipeline:
             and frame.imu is None
         ):
             raise InputError(
-                "the frame is empty; give depth_m, range_m, a stereo pair, rgb, step or imu"
+                "the frame is empty; give depth_m, range_m, a stereo pair or rgb, with start also step or imu"
             )
         given = frame.T_world_camera is not None
         if self._info.start is not None:

@@ -20,6 +20,7 @@ from mapping.surface.traversability import load_layers
 from ..results.footprint_entries import footprint_of
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder
 from ..results.tables import Trajectory
+from . import checks
 
 FLOOR = ("nx", "ny", "nz")
 UPPER = ("P00", "P01", "P02", "P11", "P12", "P22")
@@ -106,7 +107,7 @@ class Run:
             InputError: It holds no run.
         """
         self._temporary: tempfile.TemporaryDirectory[str] | None = None
-        self._files = RunFolder.open(Path(folder))
+        self._files = RunFolder.open(checks.path(folder, "folder"))
 
     def __repr__(self) -> str:
         return f"Run({str(self.folder)!r})"

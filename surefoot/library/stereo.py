@@ -12,6 +12,7 @@ from perception.depth.rectification import rectified
 from perception.depth.stereo import StereoConfig
 from perception.primitives.camera import Camera
 
+from . import checks
 from .checks import ArrayLike
 from .views import stereo_view
 
@@ -60,7 +61,10 @@ def stereo_depth(
     Source: seed 003, section 3.
     """
     view = rectified(stereo_view(left, right, baseline_m, camera))
-    config = StereoConfig(least_reliability=least_reliability, nearest_m=nearest_m)
+    config = StereoConfig(
+        least_reliability=checks.number(least_reliability, "least_reliability"),
+        nearest_m=checks.positive(nearest_m, "nearest_m"),
+    )
     matched = stereo.disparity(view, config)
     depth = stereo.depth_of(view, matched, config)
     return StereoDepth(depth.z, depth.sigma, matched.reliability, view.camera)

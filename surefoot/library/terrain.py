@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from perception.depth.reach import ReachConfig
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose3
@@ -12,7 +11,7 @@ from perception.terrain.staircase import Staircase
 
 from . import checks
 from .checks import ArrayLike
-from .floor import expected
+from .floor import allowing, expected
 
 
 def find_regions(
@@ -23,6 +22,7 @@ def find_regions(
     sigma_m: ArrayLike | None = None,
     nearest_m: float = 0.3,
     farthest_m: float = 4.0,
+    calibrated: bool = False,
 ) -> list[Region]:
     """Plane surfaces in a depth image: floors, treads, risers, ramps, walls; the one with most pixels first.
 
@@ -30,8 +30,10 @@ def find_regions(
         depth_m: (h, w), depth along the optical axis, m, as for `find_floor`.
         camera: Intrinsics; axes x right, y down, z ahead.
         scale_per_metre: Units per metre of an integer image: 1000 for millimetres.
-        sigma_m: Standard deviation of depth, one number or (h, w), m. None: that of a structured-light camera.
+        sigma_m: Standard deviation of the noise of each pixel alone, one number or (h, w), m. None: that of a
+            structured-light camera.
         nearest_m, farthest_m: Depths outside this range are not used.
+        calibrated: Whether the depth hardly bends, which makes the covariance smaller, as for `find_floor`.
 
     Returns:
         Regions in the camera frame: `plane` with its covariance, `pixels` (n,) as flat indices and `mask(camera)`,
@@ -44,7 +46,7 @@ def find_regions(
     Source: ours, after Proenca and Gao 2018; Nguyen, Izadi, Lovell 2012 (noise).
     """
     depth = checks.depth_image(depth_m, camera, scale_per_metre, sigma_m)
-    return segmentation.find(depth, ReachConfig(nearest_m, farthest_m))
+    return segmentation.find(depth, checks.reach(nearest_m, farthest_m), allowing(calibrated))
 
 
 def find_stairs(
@@ -57,6 +59,7 @@ def find_stairs(
     sigma_m: ArrayLike | None = None,
     nearest_m: float = 0.3,
     farthest_m: float = 4.0,
+    calibrated: bool = False,
 ) -> Staircase | None:
     """The staircase in a depth image, up or down: riser, tread, direction and first edge with their covariance.
 
@@ -68,8 +71,10 @@ def find_stairs(
         T_body_camera: Camera in a body frame with z = 0 on the floor, to about 1 degree (joint angles). It
             replaces `up`; one of the two is needed.
         scale_per_metre: Units per metre of an integer image: 1000 for millimetres.
-        sigma_m: Standard deviation of depth, one number or (h, w), m. None: that of a structured-light camera.
+        sigma_m: Standard deviation of the noise of each pixel alone, one number or (h, w), m. None: that of a
+            structured-light camera.
         nearest_m, farthest_m: Depths outside this range are not used.
+        calibrated: Whether the depth hardly bends, which makes the covariance smaller, as for `find_floor`.
 
     Returns:
         Staircase in the camera frame: `riser_m`, `tread_m`, `steps` seen, unit vectors `direction` (in which it
@@ -92,5 +97,6 @@ def find_stairs(
         sigma_m=sigma_m,
         nearest_m=nearest_m,
         farthest_m=farthest_m,
+        calibrated=calibrated,
     )
     return staircase.find(regions, prior)

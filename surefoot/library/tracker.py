@@ -9,7 +9,6 @@ import numpy as np
 
 from perception.obstacles.track import Detection
 from perception.obstacles.tracker import ObstacleTracker, TrackerConfig
-from perception.primitives import plugins
 from perception.primitives.errors import InputError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
@@ -44,7 +43,9 @@ class Tracker:
             InputError: A setting is unknown or impossible.
         """
         config = checks.configured(
-            TrackerConfig, {"motion_model": plugins.name_of(motion_model), **settings}, "Tracker"
+            TrackerConfig,
+            {"motion_model": checks.plugin(motion_model, "motion_model"), **settings},
+            "Tracker",
         )
         speed = checks.positive(speed_sigma_mps, "speed_sigma_mps")
         track = dataclasses.replace(config.track, speed_sigma_mps=speed)
@@ -83,23 +84,22 @@ class Tracker:
             InputError: An array has the wrong shape, the time does not advance, or a radius exceeds
                 `max_radius_m`.
         """
-        stamp = float(checks.numbers(stamp_s, (), "stamp_s"))
+        stamp = checks.number(stamp_s, "stamp_s")
         if self._stamp_s is not None and stamp <= self._stamp_s:
             raise InputError(f"stamp_s={stamp} does not follow {self._stamp_s}")
         places = checks.numbers(positions, (None, 2), "positions")
         count = len(places)
-        given = np.asarray(covariances, np.float64)
-        shared = np.broadcast_to(given, (count, 2, 2)) if given.shape == (2, 2) else given
-        spreads = checks.covariances(shared, (count, 2, 2), "covariances")
-        radii = checks.numbers(radii_m, (count,), "radii_m")
+        spreads = checks.covariances(covariances, (count, 2, 2), "covariances", shared=True)
+        radii = checks.radii(radii_m, count)
         most = self._config.max_radius_m
-        if (radii < 0.0).any() or (radii > most).any():
+        if (radii > most).any():
             raise InputError(
                 f"radii_m must lie in [0, {most}]; set max_radius_m for larger obstacles"
             )
-        robot = Gaussian(np.zeros(3), np.zeros((3, 3))) if pose is None else pose
-        if robot.mean.shape != (3,):
-            raise InputError(f"pose has {len(robot.mean)} numbers; expected x, y, yaw")
+        robot = Gaussian(np.zeros(3), np.zeros((3, 3)))
+        if pose is not None:
+            robot = checks.instance(pose, Gaussian, "pose")
+            checks.covariances(robot.covariance, (3, 3), "pose.covariance")
         seen = [
             Detection(place, spread, float(radius))
             for place, spread, radius in zip(places, spreads, radii, strict=True)

@@ -9,11 +9,11 @@ from typing import Any
 
 import tomli_w
 
-from perception.primitives import plugins
 from perception.primitives.errors import InputError
 
 from ..config.load import load, own_settings
 from ..config.schema import Config
+from . import checks
 from .run_results import Run, opened
 
 Place = str | Path
@@ -38,9 +38,9 @@ def simulate(
 
     Args:
         scene: Name of a shipped scene or path of a scene file; None: "home", or that of `config`.
-        planner: "search", "field", "swarm" or "avoidance", "package.module:Class", or a class of your own (see
-            `surefoot.Planner`).
-        gaze: "evaluations", "sweep" or "fixed", "package.module:Class", or a class of your own (see
+        planner: "search", "field", "swarm", "avoidance" or "footholds" (scenes of several levels),
+            "package.module:Class", or a class of your own (see `surefoot.Planner`).
+        gaze: "evaluations", "seed", "sweep" or "fixed", "package.module:Class", or a class of your own (see
             `surefoot.GazePolicy`).
         body: "kinematic" or "dynamic".
         seed: Of scene, noise and random choices.
@@ -59,14 +59,17 @@ def simulate(
 
     chosen: dict[str, Any] = {}
     if planner is not None:
-        chosen["mission.planner"] = plugins.name_of(planner)
+        chosen["mission.planner"] = checks.plugin(planner, "planner")
     if gaze is not None:
-        chosen["gaze.mode"] = plugins.name_of(gaze)
+        chosen["gaze.mode"] = checks.plugin(gaze, "gaze")
     if body is not None:
         chosen["robot.body"] = body
     if seconds is not None:
-        chosen["mission.time_limit_s"] = float(seconds)
-    asked = _config(config, {**(settings or {}), **chosen}, scene, seed)
+        chosen["mission.time_limit_s"] = checks.positive(seconds, "seconds")
+    checks.optional(scene, str, "scene")
+    if seed is not None:
+        seed = checks.whole(seed, "seed")
+    asked = configuration(config, {**_given(settings), **chosen}, scene, seed)
     folder, temporary = _folder(out)
     run(asked, folder, record, say or _silent)
     return opened(folder, temporary)
@@ -99,10 +102,10 @@ def process(
     """
     from ..run.process import process as run
 
-    path = Path(recording)
-    asked = _config(own_settings(path) if config is None else config, settings)
+    path = checks.path(recording, "recording")
+    asked = configuration(own_settings(path) if config is None else config, _given(settings))
     folder, temporary = _folder(out)
-    run(path, None if description is None else Path(description), asked, folder, say or _silent)
+    run(path, _path(description, "description"), asked, folder, say or _silent)
     return opened(folder, temporary)
 
 
@@ -191,14 +194,11 @@ def evaluate(
     from ..results.run_folder import RunFolder
     from ..store.run_tables import write_run_tables
 
-    judged = run if isinstance(run, Run) else Run(run)
+    given, shape = _path(truth, "truth"), _path(surface, "surface")
+    sigma_m, sigma_rad = checks.numbers(truth_sigma, (2,), "truth_sigma")
+    judged = run if isinstance(run, Run) else Run(checks.path(run, "run"))
     folder = RunFolder.open(judged.folder)
-    measure(
-        folder,
-        None if truth is None else Path(truth),
-        None if surface is None else Path(surface),
-        truth_sigma,
-    )
+    measure(folder, given, shape, (float(sigma_m), float(sigma_rad)))
     write_report(folder)
     write_run_tables(folder)
     return judged
@@ -216,22 +216,25 @@ def _offline(
 ) -> Run:
     from ..offline.job import Job
 
-    path = Path(recording)
-    asked = _config(own_settings(path) if config is None else config, settings)
+    path = checks.path(recording, "recording")
+    asked = configuration(own_settings(path) if config is None else config, _given(settings))
     folder, temporary = _folder(out)
-    given = None if description is None else Path(description)
-    work(Job.open(verb, path, given, asked, folder), say or _silent)
+    work(Job.open(verb, path, _path(description, "description"), asked, folder), say or _silent)
     return opened(folder, temporary)
 
 
-def _config(
+def configuration(
     config: Config | Place | None,
-    settings: Mapping[str, Any] | None,
+    settings: Mapping[str, Any],
     scene: str | None = None,
     seed: int | None = None,
 ) -> Config:
-    """The configuration, with single settings, scene and seed."""
-    changes = [f"{key}={_value(key, value)}" for key, value in (settings or {}).items()]
+    """The configuration, with single settings, scene and seed.
+
+    Raises:
+        InputError: A file that cannot be read, or a setting that is unknown or impossible.
+    """
+    changes = [f"{key}={_value(key, value)}" for key, value in settings.items()]
     if isinstance(config, Config):
         from dataclasses import replace
 
@@ -240,20 +243,30 @@ def _config(
         changed = toml.override(config, changes)
         changed = changed if scene is None else replace(changed, scene=scene)
         return changed if seed is None else replace(changed, seed=seed)
-    return load(None if config is None else Path(config), changes, scene, seed)
+    return load(_path(config, "config"), changes, scene, seed)
+
+
+def _given(settings: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    """Single settings, of which there may be none."""
+    return {} if settings is None else checks.instance(settings, Mapping, "settings")  # type: ignore[type-abstract]
+
+
+def _path(value: Place | None, what: str) -> Path | None:
+    """A path that may be missing."""
+    return None if value is None else checks.path(value, what)
 
 
 def _value(key: str, value: Any) -> str:
     """A value as TOML."""
     try:
-        return tomli_w.dumps({"v": value}).partition("=")[2].strip()
+        return tomli_w.dumps({"v": checks.plain(value)}).partition("=")[2].strip()
     except TypeError as error:
         raise InputError(f"setting {key}={value!r}: {error}") from error
 
 
 def _folder(out: Place | None) -> tuple[Path, tempfile.TemporaryDirectory[str] | None]:
     if out is not None:
-        return Path(out), None
+        return checks.path(out, "out"), None
     temporary = tempfile.TemporaryDirectory(prefix="surefoot-")
     return Path(temporary.name) / "run", temporary
 

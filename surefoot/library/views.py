@@ -30,7 +30,7 @@ def depth_view(
     Raises:
         InputError: No camera, or as `checks.metres`.
     """
-    lens = checks.pinhole(camera)
+    lens = checks.instance(camera, Camera, "camera")
     return DepthView(checks.metres(depth_m, lens, scale_per_metre), lens, T_body_camera)
 
 
@@ -51,10 +51,11 @@ def range_view(
     Raises:
         InputError: No camera, or as `checks.metres`; the amplitude is not of its size.
     """
-    lens = checks.pinhole(camera)
+    lens = checks.instance(camera, Camera, "camera")
     returned = None
     if amplitude is not None:
-        returned = np.asarray(amplitude, np.float32)
+        expected = "(rows, columns) of numbers, as range_m"
+        returned = checks.array(amplitude, "amplitude", expected, "fui", (2,)).astype(np.float32)
         checks.image_shape(returned, lens, "amplitude")
     ranges = checks.metres(range_m, lens, scale_per_metre, "range_m")
     return RangeView(ranges, returned, lens, T_body_camera)
@@ -80,7 +81,7 @@ def stereo_view(
     """
     if left is None or right is None or baseline_m is None:
         raise InputError("a stereo pair needs left, right and baseline_m")
-    lens = checks.pinhole(camera)
+    lens = checks.instance(camera, Camera, "camera")
     return StereoView(
         checks.grey(left, lens, "left"),
         checks.grey(right, lens, "right"),
@@ -101,5 +102,5 @@ def colour_view(rgb: ArrayLike, camera: Camera | None, T_body_camera: Pose3 | No
     Raises:
         InputError: No camera, or as `checks.colour`.
     """
-    lens = checks.pinhole(camera, "rgb_camera")
+    lens = checks.instance(camera, Camera, "rgb_camera")
     return ColourView(checks.colour(rgb, lens), lens, T_body_camera)

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import surefoot
+from perception.depth.distortion import DistortionConfig
 from perception.primitives.pose import head_rotation
+from surefoot.config.schema import CALIBRATED_DISTORTION
 
 CAMERA = surefoot.Camera.from_view(160, 120, 1.0, 0.8)
 HEIGHT_M, TILT_RAD = 0.9, 0.5
@@ -46,6 +48,28 @@ def test_the_floor_is_the_true_plane_within_its_covariance(up):
         assert error @ np.linalg.solve(found.covariance, error) < 16.3  # chi-square, 3, 0.999
         assert found.angle_to(true) < math.radians(0.2)
         assert found.offset_m == pytest.approx(HEIGHT_M, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("calibrated", "kind"),
+    [(True, CALIBRATED_DISTORTION.depth), (False, DistortionConfig().depth)],
+)
+def test_the_covariance_of_a_floor_is_that_of_depth_that_bends_as_it_should(calibrated, kind):
+    true, depth, sigma_m = surefoot.Plane(UP, HEIGHT_M), scene(noise=False), 0.003
+    u, v = (np.broadcast_to(one, depth.shape).ravel() for one in CAMERA.slopes)
+    field = kind.field(u, v, depth.ravel(), np.full(depth.size, sigma_m), float(u.max()))
+    squares, deviations = [], []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        bend = (field @ rng.normal(size=field.shape[1])).reshape(depth.shape)
+        seen = depth * (1.0 + bend) + sigma_m * rng.normal(size=depth.shape)
+        found = surefoot.find_floor(seen, CAMERA, UP, sigma_m=sigma_m, calibrated=calibrated)
+        assert found is not None
+        error = found.error_to(true)
+        squares.append(error @ np.linalg.solve(found.covariance, error) / 3.0)
+        deviations.append(np.sqrt(found.covariance[2, 2]))
+    assert 0.2 < np.mean(squares) < 2.0
+    assert np.mean(deviations) < 0.002 if calibrated else np.mean(deviations) > 0.008
 
 
 def test_a_known_mount_gives_the_floor_in_the_same_frame():

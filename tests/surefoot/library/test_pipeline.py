@@ -69,6 +69,28 @@ def test_arrays_of_a_walking_body_give_pose_floor_and_grid():
     assert pipeline.footprints() == []
 
 
+def test_calibrated_depth_has_a_floor_with_a_smaller_standard_deviation():
+    sigma_m = {}
+    for calibrated in (False, True):
+        pipeline = surefoot.Pipeline(up_world=(0.0, 0.0, 1.0), calibrated=calibrated)
+        world = pipeline.add(0.0, depth_m=floor_depth(), camera=CAMERA, T_world_camera=MOUNT)
+        assert world.floor is not None
+        sigma_m[calibrated] = np.sqrt(world.floor.covariance[2, 2])
+    assert sigma_m[True] < sigma_m[False] / 4.0
+
+
+def test_settings_may_come_from_a_file(tmp_path):
+    file = tmp_path / "far.toml"
+    file.write_text("[reach.depth]\nfarthest_m = 0.5\n")
+    given = {"depth_m": floor_depth(), "camera": CAMERA, "T_body_camera": MOUNT}
+    seen = {}
+    for config in (None, file):
+        world = surefoot.Pipeline(config, start=surefoot.Pose2()).add(0.0, **given)
+        seen[config] = sum(len(view.points) for view in world.estimate.views)
+    assert seen[None] > 500
+    assert seen[file] == 0
+
+
 def test_given_poses_place_the_camera():
     pipeline = surefoot.Pipeline(up_world=(0.0, 0.0, 1.0))
     for k in range(3):
@@ -123,7 +145,7 @@ def test_a_frame_with_an_impossible_pose_is_refused_and_the_next_one_taken(place
         return pipeline.add(0.1 * k, depth_m=floor_depth(), camera=CAMERA, T_world_camera=pose)
 
     add(0, 0.0)
-    with pytest.raises(surefoot.InputError, match="finite numbers below"):
+    with pytest.raises(surefoot.InputError, match=r"T_world_camera.*finite numbers"):
         add(1, place)
     world = add(2, 0.2)
     assert world.pose is not None

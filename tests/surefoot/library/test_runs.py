@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 import surefoot
+from planning.gaze.policy import POLICIES
+from planning.planners.mission import PLANNERS
+from surefoot.library.verbs import configuration
 from surefoot.results.run_folder import RunFolder
 
 ONE_CAMERA = {"robot.stereo": False, "robot.colour": False}
@@ -51,6 +54,18 @@ def test_the_figures_against_the_truth_come_with_the_run(processed):
     at = np.minimum(at, len(truth) - 1)
     errors = np.linalg.norm(processed.trajectory.poses[:, :2] - truth.positions[at, :2], axis=1)
     assert np.median(errors) < 0.05
+
+
+def test_the_words_for_planners_and_gaze_policies_are_all_of_them():
+    for name in (*PLANNERS, *POLICIES):
+        assert f'"{name}"' in surefoot.simulate.__doc__
+
+
+def test_settings_may_be_numbers_of_numpy():
+    given = {"reach.tof.farthest_m": np.float32(2.0), "mission.goals": np.int64(1)}
+    config = configuration(None, {**given, "mission.headings_deg": np.array([90.0])})
+    assert config.reach.tof.farthest_m == 2.0
+    assert config.mission.headings_deg == (90.0,)
 
 
 def test_a_temporary_folder_goes_with_its_run():

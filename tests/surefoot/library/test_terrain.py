@@ -42,6 +42,19 @@ def test_a_staircase_has_its_size_and_direction():
     assert found.covariance.shape == (5, 5)
 
 
+def test_calibrated_depth_gives_smaller_standard_deviations():
+    sigma_m = {}
+    for calibrated in (False, True):
+        found = surefoot.find_stairs(stairs(), CAMERA, UP, sigma_m=0.003, calibrated=calibrated)
+        error = found.riser_m - RISER_M
+        sigma_m[calibrated] = np.sqrt(found.covariance[0, 0])
+        assert abs(error) < 4.0 * sigma_m[calibrated]
+    assert sigma_m[True] < sigma_m[False] / 4.0
+    regions = [surefoot.find_regions(stairs(), CAMERA, calibrated=one)[0] for one in (False, True)]
+    before, after = (np.trace(one.plane.covariance) for one in regions)
+    assert after < before / 16.0
+
+
 def test_millimetres_give_the_same_regions():
     millimetres = np.round(1000.0 * stairs()).astype(np.uint16)
     regions = surefoot.find_regions(millimetres, CAMERA, scale_per_metre=1000.0)
