@@ -65,6 +65,8 @@ class LaggedFilter(PoseFilter):
         dt = max(dt, 0.0) if math.isfinite(dt) else 0.0
         if odometry is None and dt == 0.0:  # the first frame is the start
             return
+        if self._factors:  # of a lost frame, which had no sightings
+            self._smooth()
         self._stamp_s += dt
         self._number += 1
         self._factors: list[Factor] = [step(self.config, self._number, odometry, imu, dt)]

@@ -176,6 +176,18 @@ def test_the_newest_pose_agrees_with_the_kalman_filter():
         assert len(smoother.window) <= 6
 
 
+def test_a_lost_frame_does_not_begin_the_smoother_anew(caplog):
+    """The time without odometry is one interval, the measured motion after it another."""
+    start, instants, _ = walk(3, 24)
+    robot = LaggedFilter(start, MARKS, LIVE)
+    followed(robot, instants[:12])
+    robot.predict(None, None, 0.65)
+    robot.predict(instants[12].odometry, instants[12].imu, 0.2)
+    robot.update(instants[12].sightings)
+    assert not caplog.records
+    assert len(robot._smoother.window) > 8
+
+
 def test_with_an_infinite_lag_the_last_update_agrees_with_the_batch():
     start, instants, _ = walk(7)
     frames = walk_factors(instants, PLACES, CONFIG)
