@@ -110,7 +110,8 @@ def evaluate(
     own_axes = truth is not None or has_own_axes(run)
     reference = true if true is not None else estimate
     if reference is not None:
-        metrics |= walk_metrics(reference.stamps, reference.positions)
+        sessions = list(run.sessions(reference.stamps).values())
+        metrics |= walk_metrics(reference.stamps, reference.positions, sessions)
     if estimate is not None and true is not None and own_axes:
         figures = trajectory_metrics(estimate, true)
         metrics |= {name: value for name, value in figures.items() if name not in _OWN_AXES}

@@ -161,8 +161,8 @@ class TopView {
 
   path(i) {
     const poses = this.run.pose.some((pose) => pose) ? this.run.pose : (this.run.cameras[0] || { pose: [] }).pose;
-    this.line(poses.slice(i), theme.view, 1.2, [], 0.55);
-    this.line(poses.slice(0, i + 1), theme.belief, 2.2);
+    for (const piece of pieces(this.run, poses, i, poses.length)) this.line(piece, theme.view, 1.2, [], 0.55);
+    for (const piece of pieces(this.run, poses, 0, i + 1)) this.line(piece, theme.belief, 2.2);
   }
 
   robot(i) {
