@@ -142,7 +142,8 @@ def panorama_section(run: RunFolder) -> str:
             [(view["frame"], view.get("reason", "")) for view in missing],
         )
     sentence = (
-        "Range from the centre of the panorama, with the edges of each obstacle. Azimuth is positive to the left; "
+        "Range from the centre of the panorama, with the numbers of the obstacles above and of the gaps below. Azimuth is positive to the left, "
+        "in the picture about its centre and in the tables about the base, which differs for what is near; "
         "distance is measured straight ahead, width across; ± is one standard deviation. "
         f"{len(views) - len(missing)} of {len(views)} views are placed."
     )
@@ -223,7 +224,9 @@ def _degrees(one: dict[str, Any], name: str) -> str:
 
 
 def _measured(one: dict[str, Any], name: str) -> str:
-    """A length with its standard deviation."""
+    """A length with its standard deviation, to the first digit of the latter."""
     value, sigma = one.get(f"{name}_m"), one.get(f"sigma_{name}_m")
-    spread = "" if sigma is None else f" ± {sigma:.2f}"
-    return _number(value, "{:.2f}") + ("" if value is None else spread)
+    if value is None or not sigma:
+        return _number(value, "{:.2f}")
+    digits = min(max(-math.floor(math.log10(sigma)), 2), 4)
+    return f"{value:.{digits}f} ± {sigma:.{digits}f}"

@@ -491,13 +491,14 @@ def test_the_report_of_a_panorama_lists_its_obstacles(tmp_path):
         "right_edge_m": [1.2, 0.1],
     }
     made.write_json("panorama.json", {"views": [{"placed": True, "frame": 0}], "gaps": [],
-                                      "obstacles": [{**edges, "sigma_distance_m": 0.05}]})  # fmt: skip
+                                      "obstacles": [{**edges, "sigma_distance_m": 0.05, "sigma_width_m": 0.0031}]})  # fmt: skip
     made.write_bytes("panorama_obstacles.png", cv2.imencode(".png", np.zeros((9, 9)))[1].tobytes())
     text = write_report(RunFolder.open(made.root)).read_text()
     page = Page(text)
     assert "panorama" in page.identities
     assert len(page.images) == 1
     assert "1.23 ± 0.05" in text
+    assert "0.400 ± 0.003" in text
     assert "6 to 29" in text
     assert "unknown" in text
     assert "surefoot panorama RECORDING" in text
