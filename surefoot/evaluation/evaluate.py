@@ -22,6 +22,8 @@ from ..results.run_folder import (
     MAP,
     MONOCULAR,
     PANORAMA,
+    PLAYBACK,
+    SIMULATION,
     RunFolder,
 )
 from ..results.tables import Table, Trajectory
@@ -334,7 +336,7 @@ def _against_tables(run: RunFolder) -> dict[str, float | bool]:
     if run.has("map.yaml") and run.has("truth/map.yaml"):
         figures |= map_metrics(read_map(run.path("map.yaml")), read_map(run.path("truth/map.yaml")))
     clearance = run.read_csv("truth/clearance.csv")
-    if clearance is not None:
+    if clearance is not None and run.kind in (SIMULATION, PLAYBACK):  # the others judge no walk
         figures |= contact_metrics(clearance)
     risk = risk_of_run(run)
     if risk is not None:
