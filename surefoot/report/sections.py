@@ -220,7 +220,7 @@ def _number(value: float | None, shown: str) -> str:
 
 def _degrees(one: dict[str, Any], name: str) -> str:
     value = one.get(name)
-    return _number(None if value is None else math.degrees(value), "{:.0f}")
+    return _number(None if value is None else math.degrees(value), "{:z.0f}")
 
 
 def _measured(one: dict[str, Any], name: str) -> str:
