@@ -20,7 +20,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 from surefoot.evaluation.evaluate import evaluate
 from surefoot.report.page import write_report
-from surefoot.report.plots import time_series
+from surefoot.report.plots import consistency, time_series
 from surefoot.results.row_stream import RowStream
 from surefoot.results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 
@@ -383,6 +383,13 @@ def test_a_missed_target_is_shown(run, tmp_path, undrawn):
     )
     assert "(too sure: errors " in text
     assert text.count("✗ missed") == before + 2  # position, and consistency of its covariance
+
+
+def test_the_names_of_the_calibration_stand_beside_the_curves_in_their_colours(run):
+    curves, means = consistency.calibration(run).figure.axes
+    assert curves.get_legend() is None
+    drawn = [line.get_color() for line in curves.get_lines()[1:]]  # the first is the diagonal
+    assert [name.get_color() for name in means.get_yticklabels()] == drawn
 
 
 def test_a_recording_without_truth_has_a_page_too(run, tmp_path):
