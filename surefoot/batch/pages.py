@@ -46,8 +46,8 @@ class Row:
     name: str
     run: str
     status: str
-    frames: float | None = None
-    skipped: float | None = None
+    frames: int | None = None
+    skipped: int | None = None
     seconds: float | None = None
     wall_s: float | None = None
     floor_share: float | None = None
@@ -55,7 +55,7 @@ class Row:
     ate_m: float | None = None
     landmark_nis: float | None = None
     track_nis: float | None = None
-    false_movers: float | None = None
+    false_movers: int | None = None
     reason: str = ""
 
 
@@ -66,6 +66,8 @@ def rows(jobs: Sequence[Job], ledger: Ledger) -> list[Row]:
         end = ledger.of(job.name).end or {"event": WAITING}
         done = end["event"] == DONE
         figures = {key: value for key, value in end.get("figures", {}).items() if key in _FIGURES}
+        for key in _COUNTS & {key for key, value in figures.items() if value is not None}:
+            figures[key] = int(figures[key])
         found.append(
             Row(
                 job.source,
@@ -81,6 +83,7 @@ def rows(jobs: Sequence[Job], ledger: Ledger) -> list[Row]:
 
 
 _FIGURES = {one.name for one in fields(Row)[4:-1]} - {"wall_s"}
+_COUNTS = {"frames", "skipped", "false_movers"}
 
 
 def counted(jobs: Sequence[Job], ledger: Ledger) -> str:
@@ -125,5 +128,5 @@ def lines(found: Sequence[Row]) -> list[str]:
     shown = [f"{row.status}: {row.recording}: {row.reason}" for row in bad[:MOST_LISTED]]
     if len(bad) > MOST_LISTED:
         shown.append(f"and {len(bad) - MOST_LISTED} more in {BATCH_TABLE}")
-    frames = sum(row.frames or 0.0 for row in found)
-    return [*shown, f"{len(found) - len(bad)} of {len(found)} done, {frames:.0f} frames"]
+    frames = sum(row.frames or 0 for row in found)
+    return [*shown, f"{len(found) - len(bad)} of {len(found)} done, {frames} frames"]

@@ -22,6 +22,8 @@ from ..results.run_folder import (
     MAP,
     MONOCULAR,
     PANORAMA,
+    PLAYBACK,
+    SIMULATION,
     RunFolder,
 )
 from ..results.tables import Table, Trajectory
@@ -110,7 +112,8 @@ def evaluate(
     own_axes = truth is not None or has_own_axes(run)
     reference = true if true is not None else estimate
     if reference is not None:
-        metrics |= walk_metrics(reference.stamps, reference.positions)
+        sessions = list(run.sessions(reference.stamps).values())
+        metrics |= walk_metrics(reference.stamps, reference.positions, sessions)
     if estimate is not None and true is not None and own_axes:
         figures = trajectory_metrics(estimate, true)
         metrics |= {name: value for name, value in figures.items() if name not in _OWN_AXES}
@@ -333,7 +336,7 @@ def _against_tables(run: RunFolder) -> dict[str, float | bool]:
     if run.has("map.yaml") and run.has("truth/map.yaml"):
         figures |= map_metrics(read_map(run.path("map.yaml")), read_map(run.path("truth/map.yaml")))
     clearance = run.read_csv("truth/clearance.csv")
-    if clearance is not None:
+    if clearance is not None and run.kind in (SIMULATION, PLAYBACK):  # the others judge no walk
         figures |= contact_metrics(clearance)
     risk = risk_of_run(run)
     if risk is not None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 _COMPARE = {"<=": operator.le, ">=": operator.ge, "==": operator.eq}
+_WORDS = {"<=": "at most", ">=": "at least", "==": "should be"}
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Target:
         return bool(_COMPARE[self.compare](value, self.bound))
 
     def miss(self, value: float, metrics: dict[str, Any]) -> str:
-        """By how much a value misses the bound, and in which direction; empty if it does not."""
+        """The value with its bound, or of a consistency the direction and factor; empty if it is met."""
         if self.met(value):
             return ""
         mean = metrics.get(self.figure.replace("_consistent", "_anees"))
@@ -39,13 +40,12 @@ class Target:
             )
         if math.isnan(value):
             return "unknown"
-        return f"{abs(value - self.bound):.3g} {self.unit} too {'much' if value > self.bound else 'little'}".replace(
-            "  ", " "
-        )
+        shown, bound = (f"{one:.3g} {self.unit}".strip() for one in (value, self.bound))
+        return f"{shown}, {_WORDS[self.compare]} {bound}"
 
 
 class Verdict(NamedTuple):
-    """A target, the value that it judges, whether it is met, and by how much it is missed."""
+    """A target, the value that it judges, whether it is met, and how it is missed."""
 
     target: Target
     value: float
@@ -127,7 +127,7 @@ def closing_table(metrics: dict[str, Any]) -> str:
             target.words,
             f"{value:.4g} {target.unit}".strip(),
             _bound(target),
-            "ok" if met else f"MISSED, {miss}",
+            "ok" if met else f"MISSED, {miss}" if target.dof else "MISSED",
         )
         for target, value, met, miss in verdicts(metrics)
     ]

@@ -198,7 +198,7 @@ def _summarise(
             "commit": commit(),
             "frames": written.frames,
             "skipped": {},
-            "notes": [f"sessions {', '.join(str(k + 1) for k in sessions)} of sessions.json"],
+            "notes": [f"session {' and '.join(str(k + 1) for k in sessions)} of {len(mapped)}"],
             "vertices": written.vertices,
             "walkable_m2": written.walkable_m2,
             "trajectory": "camera",

@@ -25,6 +25,7 @@ from .sections import (
     figure_rows,
     panorama_section,
     plot_section,
+    sessions_section,
     stages_section,
     views_section,
 )
@@ -102,7 +103,7 @@ def write_report(run: RunFolder) -> Path:
         write_replay(run)
     sections = [plot_section(picture) for picture in drawn]
     sections.insert(1, views_section(run) or stages_section(run))
-    sections = [panorama_section(run), *sections]
+    sections = [panorama_section(run), sessions_section(run), *sections]
     verdict_class, verdict_words = verdict(metrics)
     page = Template(resources.files(__package__).joinpath("report_page.html").read_text("utf-8"))
     text = page.substitute(

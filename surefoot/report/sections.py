@@ -66,6 +66,40 @@ def stages_section(run: RunFolder) -> str:
     return _slider("Stages of the monocular cycle", sentence, labelled)
 
 
+def sessions_section(run: RunFolder) -> str:
+    """The sessions of a merge, what speaks for one place, and links to the other parts; empty without sessions."""
+    content = run.read_json("sessions.json")
+    if content is None:
+        return ""
+    sessions, parts, here = content["sessions"], content["parts"], content["part"]
+    sentence = f"{len(sessions)} sessions make {len(parts)} maps; this is part {here}."
+    if len(parts) == 1:
+        sentence = f"{len(sessions)} sessions are merged into this map."
+    elif len(parts) == len(sessions):
+        sentence = f"Nothing was merged: each session stays a map of its own; this is part {here}."
+    body = table(
+        ("session", "name", "map", "frames", "part"),
+        [[one[name] for name in ("session", "name", "map", "frames", "part")] for one in sessions],
+    )
+    body += table(
+        ("sessions", "one place with probability", "merged", "aligned pairs of images"),
+        [
+            (
+                " and ".join(map(str, pair["sessions"])),
+                f"{pair['probability']:.3f}",
+                "yes" if pair["merged"] else "no",
+                pair["links"],
+            )
+            for pair in content["pairs"]
+        ],
+    )
+    root = "" if here == 1 else "../"
+    others = [(k, f"part-{k}/" if k > 1 else "") for k in range(1, len(parts) + 1) if k != here]
+    links = [f'<a href="{root}{folder}report.html">part {k}</a>' for k, folder in others]
+    body += f"<p>The other parts: {', '.join(links)}.</p>" if links else ""
+    return _section("parts", "Sessions", sentence, body)
+
+
 def panorama_section(run: RunFolder) -> str:
     """Range panorama and the table of its obstacles and gaps; empty without a panorama."""
     content = run.read_json("panorama.json")
@@ -108,7 +142,8 @@ def panorama_section(run: RunFolder) -> str:
             [(view["frame"], view.get("reason", "")) for view in missing],
         )
     sentence = (
-        "Range from the centre of the panorama, with the edges of each obstacle. Azimuth is positive to the left; "
+        "Range from the centre of the panorama, with the numbers of the obstacles above and of the gaps below. Azimuth is positive to the left, "
+        "in the picture about its centre and in the tables about the base, which differs for what is near; "
         "distance is measured straight ahead, width across; ± is one standard deviation. "
         f"{len(views) - len(missing)} of {len(views)} views are placed."
     )
@@ -185,11 +220,13 @@ def _number(value: float | None, shown: str) -> str:
 
 def _degrees(one: dict[str, Any], name: str) -> str:
     value = one.get(name)
-    return _number(None if value is None else math.degrees(value), "{:.0f}")
+    return _number(None if value is None else math.degrees(value), "{:z.0f}")
 
 
 def _measured(one: dict[str, Any], name: str) -> str:
-    """A length with its standard deviation."""
+    """A length with its standard deviation, to the first digit of the latter."""
     value, sigma = one.get(f"{name}_m"), one.get(f"sigma_{name}_m")
-    spread = "" if sigma is None else f" ± {sigma:.2f}"
-    return _number(value, "{:.2f}") + ("" if value is None else spread)
+    if value is None or not sigma:
+        return _number(value, "{:.2f}")
+    digits = min(max(-math.floor(math.log10(sigma)), 2), 4)
+    return f"{value:.{digits}f} ± {sigma:.{digits}f}"

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from mapping.io.atomic_write import PART
 from perception.primitives import safe_input
@@ -359,6 +360,16 @@ class RunFolder:
             return None
         table = self.read_csv("trajectory_covariance.csv")
         return None if table is None else Trajectory.planar(table.matrix(*COVARIANCE_HEADER[:4]))
+
+    def sessions(self, stamps: Float[np.ndarray, "n"]) -> dict[int, Bool[np.ndarray, "n"]]:
+        """Which stamps belong to each session of a merged map that has any, by number; of another run all to one."""
+        content = self.read_json("sessions.json")
+        if content is None:
+            return {1: np.ones(len(stamps), bool)}
+        here = [one for one in content["sessions"] if one["part"] == content["part"]]
+        spans = {one["session"]: (one["from_s"], one["to_s"]) for one in here}
+        each = {k: (stamps >= begin) & (stamps <= end) for k, (begin, end) in spans.items()}
+        return {k: mine for k, mine in each.items() if mine.any()}
 
 
 def estimate_row(stamp_s: float, pose: Gaussian) -> tuple[float, ...]:

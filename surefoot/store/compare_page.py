@@ -16,7 +16,7 @@ from mapping.io.atomic_write import atomic_path
 from ..report.experiment_page import filled, numbers_table, section
 from ..results.run_folder import RunFolder
 from .collection import Say
-from .comparison import BETTER, MOST_CASES, WORSE, Comparison, Judged, shown_change
+from .comparison import BETTER, MOST_CASES, SHOWN, WORSE, Comparison, Judged, shown_change
 from .query import asker
 from .sides import Side
 
@@ -74,16 +74,16 @@ def write_page(comparisons: Sequence[Comparison], path: Path, say: Say) -> Path:
 def _method(one: Comparison) -> str:
     return (
         f"{len(one.pairs)} pairs of runs over the same recordings or seeds. Change: estimate of the typical "
-        "paired differences (ratios where all values are positive) with its 95 % interval. A figure is called better or "
-        "worse if the signed rank test with winsorised ranks and Holm's correction over all figures leaves less than "
-        f"{one.alarm:g} for chance."
+        "paired differences (ratios where all values are positive) with its 95 % interval, which takes six pairs. A "
+        "figure is called better or worse if the signed rank test with winsorised ranks and Holm's correction over all "
+        f"figures leaves less than {one.alarm:g} for chance."
     )
 
 
 def _cells(one: Judged) -> tuple[str, ...]:
     chance = "" if math.isnan(one.adjusted) else f"{one.adjusted:.2g}"
     return (
-        one.figure.name, str(one.difference.number), f"{one.before:.4g}", f"{one.after:.4g}", shown_change(one),
+        one.figure.name, str(one.difference.number), SHOWN.format(one.before), SHOWN.format(one.after), shown_change(one),
         chance, one.verdict,
     )  # fmt: skip
 
@@ -139,7 +139,7 @@ def _cases(comparison: Comparison, path: Path, say: Say) -> str:
     shown = []
     for key in chosen.worst[:MOST_CASES]:
         values = [side.metrics[key][chosen.figure.name] for side in sides]
-        words = f"{comparison.first.labels[key]}: {chosen.figure.name} {values[0]:.4g} → {values[1]:.4g}"
+        words = f"{comparison.first.labels[key]}: {chosen.figure.name} {' → '.join(map(SHOWN.format, values))}"
         both = [found[key] for found in curves]
         at_s = float(both[1][np.argmax(both[1][:, 1]), 0]) if len(both[1]) else 0.0
         figures = "".join(

@@ -28,6 +28,7 @@ from .sides import FIGURES, UNJUDGED, Figure, Side, read_side
 ALARM = 0.05 / 20
 WORSE, BETTER, SILENT, EQUAL = "worse", "better", "no difference shown", "equal in every pair"
 MOST_CASES = 6
+SHOWN = "{:.4g}"  # a figure in the page and in the terminal
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Judged:
         change, low, high: Typical change with its 95 % interval, as a ratio less 1 or as a difference.
         adjusted: p-value after Holm's correction; NaN for a figure that is not judged.
         verdict: "better", "worse", "no difference shown", or why there is none.
-        worst: Keys of the pairs with the largest losses, the worst first.
+        worst: Keys of the pairs with the largest losses, the worst first; none that the digits do not show.
     """
 
     figure: Figure
@@ -210,7 +211,8 @@ def _judged(one: _Differences, adjusted: Mapping[str, float], least: int, alarm:
     found = one.found
     scaled: Callable[[float], float] = math.expm1 if one.ratio else float
     loss = one.values * (-1.0 if one.figure.better > 0 else 1.0)
-    order = [k for k in np.argsort(-loss, kind="stable") if loss[k] > 0.0]
+    seen = [SHOWN.format(a) != SHOWN.format(b) for a, b in zip(one.before, one.after, strict=True)]
+    order = [k for k in np.argsort(-loss, kind="stable") if loss[k] > 0.0 and seen[k]]
     chance = adjusted.get(one.figure.name, 1.0 if one.figure in FIGURES else math.nan)
     if one.figure not in FIGURES:
         verdict = "not judged"
@@ -241,10 +243,10 @@ def shown_change(one: Judged) -> str:
     """Change with its interval, in words."""
 
     def text(value: float) -> str:
-        if not math.isfinite(value):
-            return "?"
         return f"{100.0 * value:+.2g} %" if one.ratio else f"{value:+.3g}"
 
+    if not math.isfinite(one.low + one.high):
+        return f"{text(one.change)}, no interval"
     return f"{text(one.change)}, {text(one.low)} to {text(one.high)}"
 
 

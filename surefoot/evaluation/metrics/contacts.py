@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from planning.commands import WalkCommand
 
@@ -48,12 +48,18 @@ def contact_metrics(clearance: Table) -> dict[str, float]:
 
 
 def walk_metrics(
-    stamps: Float[np.ndarray, "n"], positions: Float[np.ndarray, "n d"]
+    stamps: Float[np.ndarray, "n"],
+    positions: Float[np.ndarray, "n d"],
+    sessions: Sequence[Bool[np.ndarray, "n"]] = (),
 ) -> dict[str, float]:
-    """duration_s, path_m (length of the horizontal path) and straight_m (distance from first to last)."""
-    steps = np.diff(positions[:, :2], axis=0)
+    """duration_s, path_m (length of the horizontal path) and straight_m (distance from first to last).
+
+    Of several sessions, duration and path are the sums over them, without the way from one to the next.
+    """
+    parts = sessions or [np.ones(len(stamps), bool)]
+    steps = np.concatenate([np.diff(positions[mine, :2], axis=0) for mine in parts])
     return {
-        "duration_s": float(stamps[-1] - stamps[0]),
+        "duration_s": float(sum(np.ptp(stamps[mine]) for mine in parts)),
         "path_m": float(np.sum(np.linalg.norm(steps, axis=1))),
         "straight_m": float(np.linalg.norm(positions[-1, :2] - positions[0, :2])),
     }

@@ -66,15 +66,12 @@ def calibration(run: RunFolder) -> Drawn | None:
     nominal = np.linspace(0.0, 1.0, 101)
     spread = 1.96 * np.sqrt(nominal * (1.0 - nominal) / effective)
     inner.fill_between(nominal, nominal - spread, nominal + spread, color=TARGET, alpha=0.12, lw=0)
-    inner.plot(
-        [0, 1], [0, 1], color=TARGET, linewidth=1.0, linestyle=(0, (5, 3)), label="consistent"
-    )
+    inner.plot([0, 1], [0, 1], color=TARGET, linewidth=1.0, linestyle=(0, (5, 3)))
     for colour, curve in zip(SERIES, curves, strict=False):
         level, found = consistency.calibration(curve.squares, curve.degrees, 50)
-        inner.plot(level, found, color=colour, label=curve.name)
+        inner.plot(level, found, color=colour)
     inner.set(xlabel="confidence level", ylabel="share of errors inside", xlim=(0, 1), ylim=(0, 1))
     inner.set_aspect("equal")
-    inner.legend(loc="lower right", handlelength=1.4)
     means = [curve.mean / curve.degrees for curve in curves]
     rows = np.arange(len(curves))[::-1]
     for row, mean, colour, curve in zip(rows, means, SERIES, curves, strict=False):
@@ -83,6 +80,8 @@ def calibration(run: RunFolder) -> Drawn | None:
         text.plot(mean, row, "o", color=colour)
     text.axvline(1.0, color=TARGET, linewidth=1.0, linestyle=(0, (5, 3)))
     text.set_yticks(rows, [curve.name for curve in curves])
+    for tick, colour in zip(text.get_yticklabels(), SERIES, strict=False):
+        tick.set_color(colour)  # this is the legend of both
     text.set_xscale("log")
     text.set(xlabel="mean NEES (or NIS) per dimension", ylim=(-0.6, len(curves) - 0.4))
     ticks = np.array([0.01, 0.03, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 1000.0])
@@ -94,7 +93,8 @@ def calibration(run: RunFolder) -> Drawn | None:
     sentence = (
         "Left: share of the errors inside the confidence region of each level. A consistent estimate follows the "
         "diagonal, an over-confident one lies below it, an under-confident one above (band: 95 % interval for the "
-        "curve with the fewest independent samples). Right: mean NEES per dimension, with its 95 % interval in grey."
+        "curve with the fewest independent samples). Right, in the same colours: mean NEES per dimension, with its 95 % "
+        "interval in grey."
     )
     return Drawn(figure, sentence)
 

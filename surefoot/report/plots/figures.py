@@ -72,7 +72,7 @@ def drawing(result: Mapping[str, Any]) -> style.Drawing:
     """
     sentence = (
         "Measured figures by unit. Green: where a target is met. Bars: 95 % intervals, where there are any. "
-        "A logarithmic axis where values span more than two decades."
+        "A logarithmic axis where values span more than two decades. Names with underscores are those of result.json."
     )
     return style.Drawing("figures", sentence, lambda: draw(result))
 
@@ -126,7 +126,7 @@ def _rows(result: Mapping[str, Any]) -> list[tuple[str, _Row]]:
     rest = [name for name in dict.fromkeys([*targets, *published]) if name not in shown]
     measured = any(figures.get(name) is not None for name in (*shown, *rest))
     rest = rest if measured else [*rest, *(name for name in figures if name not in rest)][:MOST]
-    return found + [(name, row(name.replace("_", " "), name)) for name in rest]
+    return found + [(name, row(name, name)) for name in rest]
 
 
 def _met(value: float, relation: str, bound: float) -> bool:

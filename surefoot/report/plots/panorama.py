@@ -21,6 +21,8 @@ from .style import ESTIMATE, INK, WRONG
 
 FARTHEST_M = 4.0
 EVERY_DEG = 10
+ROWS = 3  # of marks one above the other, so that neighbours stay readable
+TICKS_DEG = np.arange(-180, 181, 30)
 
 
 def _range(axes: Any, drawing: Drawing) -> Any:
@@ -74,37 +76,53 @@ def _label(axes: Any, along: str, place: float, text: str, colour: str, inside: 
 
 
 def obstacles(drawing: Drawing, found: Surroundings) -> Any:
-    """Each obstacle between its edges, with distance, width and height; gaps with their doubt below."""
-    figure, axes = style.sheet(height_in=4.0)
-    image = _range(axes, drawing)
+    """Obstacles between their edges above, gaps below, each with its number in panorama.json, from 1."""
     sphere = drawing.sphere
+    figure, axes = style.sheet(height_in=min(1.3 + 7.0 * sphere.height / sphere.width, 6.0))
+    image = _range(axes, drawing)
 
-    def column(edge: tuple[float, float]) -> float:
-        x, y = edge[0] - drawing.centre[0], edge[1] - drawing.centre[1]
-        return (-math.atan2(y, x) - sphere.left_rad) * sphere.px_per_rad
+    def column(azimuth_rad: float) -> float:
+        return (-azimuth_rad - sphere.left_rad) * sphere.px_per_rad
+
+    def edge(place: tuple[float, float]) -> float:
+        return column(math.atan2(place[1] - drawing.centre[1], place[0] - drawing.centre[0]))
+
+    def span(left: float, right: float, height: float, text: str, colour: str) -> None:
+        across = axes.get_xaxis_transform()
+        axes.plot([left, right], [height, height], color=colour, linewidth=2.0, transform=across, clip_on=False)  # fmt: skip
+        axes.text(
+            0.5 * (left + right), height, text, transform=across, ha="center", va="center", fontsize=7,
+            color=colour, bbox={"facecolor": "white", "edgecolor": colour, "pad": 1.2, "linewidth": 0.5},
+        )  # fmt: skip
 
     for k, one in enumerate(found.obstacles):
-        left, right = column(one.left_edge_m), column(one.right_edge_m)
-        for edge, hidden_m in ((left, one.hidden_left_m), (right, one.hidden_right_m)):
-            style_of = "-" if hidden_m <= SEEN_M else "--"
-            axes.axvline(edge, color=WRONG, linewidth=0.9, linestyle=style_of)
-        text = f"{one.distance_m:.2f} m\n{one.width_m:.2f} x {one.height_m:.2f} m"
-        height = 0.90 - 0.10 * (k % 2)
-        axes.text(
-            0.5 * (left + right), height, text, transform=axes.get_xaxis_transform(), ha="center",
-            va="top", fontsize=6.5, color=INK, bbox={"facecolor": "white", "alpha": 0.7, "pad": 1.0},
-        )  # fmt: skip
-    for gap in found.gaps:
-        if gap.left is None or gap.right is None:
-            continue
-        ends = found.obstacles[gap.left], found.obstacles[gap.right]
-        middle = 0.5 * (column(ends[0].right_edge_m) + column(ends[1].left_edge_m))
-        axes.text(
-            middle, 0.04, f"gap {gap.width_m:.2f} m\n±{gap.sigma_width_m:.2f}", transform=axes.get_xaxis_transform(),
-            ha="center", fontsize=6.5, color=ESTIMATE, bbox={"facecolor": "white", "alpha": 0.7, "pad": 1.0},
-        )  # fmt: skip
-    figure.colorbar(image, ax=axes, label="range, m", shrink=0.8)
-    axes.set_title(
-        "obstacles: forward distance, width x height; gaps ± sigma; dashed: edge with a hidden corner"
-    )
+        left, right = edge(one.left_edge_m), edge(one.right_edge_m)
+        height = 1.06 + 0.09 * (k % ROWS)
+        for at, hidden_m in ((left, one.hidden_left_m), (right, one.hidden_right_m)):
+            dash = "-" if hidden_m <= SEEN_M else "--"
+            axes.plot(
+                [at, at], [0.0, height], color=WRONG, linewidth=0.9, linestyle=dash, clip_on=False,
+                transform=axes.get_xaxis_transform(),
+            )  # fmt: skip
+        span(left, right, height, f"{k + 1}", WRONG)
+    for k, gap in enumerate(found.gaps):
+        left, right = column(gap.left_rad), column(gap.right_rad)
+        if gap.left is not None:
+            left = edge(found.obstacles[gap.left].right_edge_m)
+        if gap.right is not None:
+            right = edge(found.obstacles[gap.right].left_edge_m)
+        span(left, right, 0.03 + 0.09 * (k % ROWS), f"gap {k + 1}", ESTIMATE)
+    ticks_rad = np.radians(TICKS_DEG)
+    for axis, turned_rad, size, label in (
+        (axes.xaxis, -ticks_rad - sphere.left_rad, sphere.width, "azimuth, deg, positive to the left"),
+        (axes.yaxis, sphere.top_rad - ticks_rad, sphere.height, "elevation, deg"),
+    ):  # fmt: skip
+        places = turned_rad * sphere.px_per_rad
+        inside = (places >= 0) & (places < size)
+        axis.set_ticks(places[inside], [f"{degrees}" for degrees in TICKS_DEG[inside]])
+        axis.set_label_text(label)
+    axes.set(xlim=(-0.5, sphere.width - 0.5), ylim=(sphere.height - 0.5, -0.5))
+    figure.colorbar(image, ax=axes, label="range, m")
+    title = "obstacles and gaps by number; dashed: edge with a hidden corner"
+    axes.set_title(title, pad=14.0 + 14.0 * ROWS)
     return figure

@@ -20,13 +20,12 @@ def sessions(run: RunFolder) -> Drawn | None:
     if content is None or path is None:
         return None
     figure, axes = grid_sheet(run)
-    for k, one in enumerate(content["sessions"]):
-        mine = (path.stamps >= one["from_s"]) & (path.stamps <= one["to_s"])
-        if one["part"] != content["part"] or not mine.any():
-            continue
+    names = {one["session"]: one["name"] for one in content["sessions"]}
+    found = run.sessions(path.stamps)
+    for k, mine in found.items():
         x, y = path.positions[mine, 0], path.positions[mine, 1]
-        colour = SERIES[k % len(SERIES)]
-        axes.plot(x, y, color=colour, lw=1.6, zorder=6, label=f"{one['session']}: {one['name']}")
+        colour = SERIES[(k - 1) % len(SERIES)]
+        axes.plot(x, y, color=colour, lw=1.6, zorder=6, label=f"session {k}: {names[k]}")
     changes = (run.read_json("changes.json") or {"changes": []})["changes"]
     for change in changes:
         _draw(axes, change)
@@ -34,6 +33,8 @@ def sessions(run: RunFolder) -> Drawn | None:
         if any(change[kind] is not None for change in changes):
             axes.plot([], [], color=colour, ls=line, lw=1.6, label=f"changed, {kind}")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncol=3)
+    if len(found) == 1:
+        return Drawn(figure, "Trajectory of the only session of this map over its occupancy grid.")
     sentence = "Trajectory of each session of this map over its occupancy grid. "
     sentence += (
         f"{len(changes)} changes between two sessions each: dashed what the one saw and the other did not, solid what "

@@ -58,8 +58,9 @@ def surface(run: RunFolder) -> Drawn | None:
     for one, view, (picture, extent), words in zip(axes, _views(), images, titles, strict=True):
         one.imshow(picture, origin="lower", extent=extent, interpolation="nearest", aspect="equal")
         if path is not None:
-            seen = path.positions @ view.T
-            one.plot(seen[:, 0], seen[:, 1], color=ESTIMATE, lw=1.6)
+            for mine in run.sessions(path.stamps).values():
+                seen = path.positions[mine] @ view.T
+                one.plot(seen[:, 0], seen[:, 1], color=ESTIMATE, lw=1.6)
         one.grid(False)
         one.set(title=words, xlabel="x, m")
     axes[0].set_ylabel("y, m")

@@ -14,7 +14,7 @@ from ...evaluation.metrics.gauge_alignment import FLOOR, SPACE
 from ...evaluation.metrics.obstacles import moving, track_errors
 from ...evaluation.metrics.timing import stages
 from ...evaluation.metrics.trajectory import associate, wrapped
-from ...results.run_folder import ERRORS, RunFolder
+from ...results.run_folder import ERRORS, PLAYBACK, SIMULATION, RunFolder
 from .style import ESTIMATE, FAINT, SERIES, TRUTH, WRONG, Drawn, bound, legend, sheet
 
 PARTS = (
@@ -94,9 +94,9 @@ def aligned_errors(run: RunFolder) -> Drawn | None:
 
 
 def clearance(run: RunFolder) -> Drawn | None:
-    """Distance to the nearest object over time; None without truth."""
+    """Distance of a walk to the nearest object over time; None without truth."""
     table = run.read_csv("truth/clearance.csv")
-    if table is None:
+    if table is None or run.kind not in (SIMULATION, PLAYBACK):
         return None
     stamps, gaps = table.numbers("stamp_s"), table.numbers("clearance_m")
     objects = nearest_objects(table)
@@ -119,7 +119,10 @@ def clearance(run: RunFolder) -> Drawn | None:
     top = max(float(np.nanmax(gaps)), 0.1)
     axes.set_ylim(min(0.0, float(gaps[nearest])) - 0.16 * top, 1.08 * top)
     axes.set(xlabel="time, s", ylabel="clearance, m")
-    sentence = "True distance between the robot and the nearest object; zero is a contact."
+    sentence = (
+        "True distance between the robot and the nearest object; zero is a contact. The smallest is marked, with the "
+        "name of that object in the scene."
+    )
     return Drawn(figure, sentence)
 
 

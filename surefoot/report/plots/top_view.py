@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from perception.primitives.gaussian import Gaussian
 
@@ -38,7 +39,8 @@ def trajectory(run: RunFolder) -> Drawn | None:
     _tracks(axes, run)
     _truth(axes, run)
     if table is not None:
-        _estimate(axes, *planar_estimates(table))
+        stamps, poses, covariances = planar_estimates(table)
+        _estimate(axes, poses, covariances, list(run.sessions(stamps).values()))
     elif (given := run.read_trajectory("trajectory.txt")) is not None:
         x, y = given.positions[:, 0], given.positions[:, 1]
         axes.plot(x, y, color=ESTIMATE, lw=1.8, zorder=6, label="poses of the recording")
@@ -149,12 +151,14 @@ def _show(axes: Axes, picture: Float[np.ndarray, "rows columns 3"], grid: GridMa
 
 def _estimate(
     axes: Axes,
-    stamps: Float[np.ndarray, "n"],
     poses: Float[np.ndarray, "n 3"],
     covariances: Float[np.ndarray, "n 3 3"],
+    sessions: Sequence[Bool[np.ndarray, "n"]],
 ) -> None:
-    """Estimated trajectory with ellipses at regular intervals, its start and its final heading."""
-    axes.plot(poses[:, 0], poses[:, 1], color=ESTIMATE, lw=1.8, zorder=6, label="estimate")
+    """Estimated trajectory of each session with ellipses at regular intervals, start and final heading."""
+    for number, mine in enumerate(sessions):
+        label = None if number else "estimate"
+        axes.plot(*poses[mine, :2].T, color=ESTIMATE, lw=1.8, zorder=6, label=label)
     chosen = np.unique(np.linspace(0, len(poses) - 1, _MAX_ELLIPSES).astype(int))
     gaussians = [Gaussian(poses[i, :2], covariances[i, :2, :2]) for i in chosen]
     enlarged = _enlargement(gaussians)
@@ -162,11 +166,12 @@ def _estimate(
         _ellipse(axes, gaussian, enlarged, ESTIMATE)
     words = "95 % ellipses" + (f", enlarged {enlarged:.0f} times" if enlarged > 1 else "")
     axes.plot([], [], "o", mfc="none", mec=ESTIMATE, ms=7, mew=0.8, label=words)
-    axes.plot(*poses[0, :2], "o", color=ESTIMATE, ms=5, zorder=7)
-    x, y, yaw = (float(v) for v in poses[-1])
-    ahead = (x + 0.16 * math.cos(yaw), y + 0.16 * math.sin(yaw))
     arrow = {"arrowstyle": "-|>", "color": ESTIMATE, "lw": 1.6}
-    axes.annotate("", ahead, (x, y), arrowprops=arrow, zorder=7)
+    for mine in sessions:
+        axes.plot(*poses[mine][0, :2], "o", color=ESTIMATE, ms=5, zorder=7)
+        x, y, yaw = (float(v) for v in poses[mine][-1])
+        ahead = (x + 0.16 * math.cos(yaw), y + 0.16 * math.sin(yaw))
+        axes.annotate("", ahead, (x, y), arrowprops=arrow, zorder=7)
 
 
 def _enlargement(gaussians: list[Gaussian]) -> float:

@@ -42,6 +42,12 @@ function lastAt(moments, i) {
   return low - 1;
 }
 
+// The poses from moment a to moment b, in pieces: none goes on from one session of a merged map to the next.
+function pieces(run, poses, a, b) {
+  const ends = [a, ...run.begins.filter((k) => k > a && k < b), b];
+  return ends.slice(1).map((end, n) => poses.slice(ends[n], end));
+}
+
 function colour(name) { return getComputedStyle(root).getPropertyValue(`--${name}`).trim(); }
 
 let theme = {};

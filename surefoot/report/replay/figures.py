@@ -87,21 +87,23 @@ def _position(moment: Moment) -> str:
     sigma = (
         math.sqrt(max(float(np.linalg.eigvalsh(P)[-1]), 0.0)) if np.isfinite(P).all() else math.inf
     )
-    return f"{x:.2f}, {y:.2f} m" + (f" ± {100 * sigma:.1f} cm" if math.isfinite(sigma) else "")
+    return f"{x:z.2f}, {y:z.2f} m" + (f" ± {100 * sigma:.1f} cm" if math.isfinite(sigma) else "")
 
 
 def _heading(moment: Moment) -> str:
     if moment.pose is None:
         return ""
     sigma = math.degrees(math.sqrt(max(float(moment.pose.covariance[2, 2]), 0.0)))
-    said = f"{math.degrees(moment.pose.mean[2]):.0f}°"
+    said = f"{math.degrees(moment.pose.mean[2]):z.0f}°"
     return said + (f" ± {sigma:.1f}°" if math.isfinite(sigma) else "")
 
 
 def _height(moment: Moment) -> str:
     if moment.heights_m is None or moment.height_sigma_m is None:
         return ""
-    return f"{100 * moment.heights_m[0]:.1f} ± {100 * moment.height_sigma_m:.1f} cm above the start"
+    return (
+        f"{100 * moment.heights_m[0]:z.1f} ± {100 * moment.height_sigma_m:.1f} cm above the start"
+    )
 
 
 def _angles(pair: tuple[float, float] | None) -> str:

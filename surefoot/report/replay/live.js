@@ -40,7 +40,7 @@ class Live {
 }
 
 function emptyRun() {
-  const lists = ["t", "pose", "head", "feet", "steps", "route", "gaze", "why", "tracks", "cameras", "panes", "values", "series", "goals", "landmarks", "footprints", "areas", "layers"]; // surfaces and heights: of several levels alone
+  const lists = ["t", "pose", "head", "feet", "steps", "route", "gaze", "why", "tracks", "cameras", "panes", "values", "series", "goals", "landmarks", "footprints", "areas", "layers", "begins"]; // surfaces and heights: of several levels alone
   return { ...Object.fromEntries(lists.map((name) => [name, []])), grid: null, cloud: null, gaze_map: null, grows: true, heights: null, surfaces: null, body: null, box: null, moving: 0.5, by_number: null };
 }
 

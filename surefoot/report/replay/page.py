@@ -166,7 +166,7 @@ def _base64(data: bytes) -> str:
 def _subtitle(found: Gathered, kind: str) -> str:
     seconds = found.moments[-1].stamp_s - found.moments[0].stamp_s
     named = {SIMULATION: "simulated walk"}.get(kind, "processed recording")
-    shown = _SHOWN.get(kind, f"Everything this {named} knew at each moment")
+    shown = _SHOWN.get(kind, f"What this {named} knew at each moment, over the map of its end")
     count = len(found.moments)
     if kind in NUMBERED:
         return f"{shown}: {count} {NUMBERED[kind]}s."

@@ -67,7 +67,8 @@ class Plot {
       line.values.forEach((value, i) => {
         if (value === null) return;
         const [u, v] = [this.u(run.t[i]), this.v(value)];
-        if (i - before <= JOINED) g.lineTo(u, v); else { g.moveTo(u, v); g.lineTo(u + 0.8, v); }
+        const joined = i - before <= JOINED && !run.begins.some((k) => before < k && k <= i);
+        if (joined) g.lineTo(u, v); else { g.moveTo(u, v); g.lineTo(u + 0.8, v); }
         before = i;
       });
       g.stroke();

@@ -55,13 +55,13 @@ class Scene {
       return;
     }
     if (poses) {
-      this.shapes.band(poses.slice(i), 0.006, 0.012, PAINT.come);
-      this.shapes.band(poses.slice(0, i + 1), 0.008, 0.02, PAINT.path);
+      for (const piece of pieces(run, poses, i, poses.length)) this.shapes.band(piece, 0.006, 0.012, PAINT.come);
+      for (const piece of pieces(run, poses, 0, i + 1)) this.shapes.band(piece, 0.008, 0.02, PAINT.path);
       return;
     }
     for (let k = 0; run.cameras.length && k < i; k++) {
       const [a, b] = [run.cameras[0].pose[k], run.cameras[0].pose[k + 1]];
-      if (a && b) this.shapes.line(a.slice(0, 3), b.slice(0, 3), PAINT.path);
+      if (a && b && !run.begins.includes(k + 1)) this.shapes.line(a.slice(0, 3), b.slice(0, 3), PAINT.path);
     }
   }
 

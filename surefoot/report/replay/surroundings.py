@@ -41,6 +41,7 @@ def surroundings(run: RunFolder, moments: Sequence[Moment]) -> tuple[dict[str, A
     footprints = (run.read_json("obstacles.json") or {}).get("footprints") or []
     landmarks = [list(mark[1:3]) for mark in summary.get("landmarks") or []]
     cloud, data = _cloud(points, colours)
+    stamps = np.array([one.stamp_s for one in moments])
     entries = {
         "layers": layers,
         "cloud": cloud,
@@ -49,6 +50,7 @@ def surroundings(run: RunFolder, moments: Sequence[Moment]) -> tuple[dict[str, A
         "landmarks": landmarks,
         "footprints": [one["outline_m"] for one in footprints if "outline_m" in one],
         "body": body_of(run, moments),
+        "begins": [int(np.argmax(mine)) for mine in run.sessions(stamps).values()],
         "box": _box(layers, moments, [*goals, *([] if layers else landmarks)], areas),
     }
     return entries, data

@@ -62,7 +62,7 @@ class TopView {
     this.grid(i);
     this.levels(i);
     for (const area of this.run.areas) this.area(area);
-    for (const ring of this.run.footprints) this.polygon(ring, theme.static, 0.2, 1.3);
+    for (const ring of this.run.footprints) this.polygon(ring, theme.static, 0.1, 0.6);
     for (const [x, y] of this.run.landmarks) this.mark(x, y, "◆", theme.landmark, 10);
     this.views(i);
     this.path(i);
@@ -161,8 +161,8 @@ class TopView {
 
   path(i) {
     const poses = this.run.pose.some((pose) => pose) ? this.run.pose : (this.run.cameras[0] || { pose: [] }).pose;
-    this.line(poses.slice(i), theme.view, 1.2, [], 0.55);
-    this.line(poses.slice(0, i + 1), theme.belief, 2.2);
+    for (const piece of pieces(this.run, poses, i, poses.length)) this.line(piece, theme.view, 1.2, [], 0.55);
+    for (const piece of pieces(this.run, poses, 0, i + 1)) this.line(piece, theme.belief, 2.2);
   }
 
   robot(i) {
@@ -292,9 +292,10 @@ class TopView {
       ["target", "gap", run.areas.length],
       ["viridis", "surface for a foot, from low to high", run.surfaces], ["moving", "it drops beyond this side", run.surfaces],
       ["ink", "something rises beyond this side", run.surfaces],
-      ["static", run.areas.length ? "obstacle with its number" : "static obstacle", run.footprints.length || run.areas.length || some(run.tracks)],
+      ["static", run.areas.length ? "obstacle with its number" : "static obstacle", run.areas.length || some(run.tracks)],
+      ["static", "thin: footprint, as known at the end", run.footprints.length],
       ["moving", "moving obstacle with 95 % ellipse and prediction", run.tracks.some((row) => row.some((one) => one.moving >= run.moving))],
-      ["landmark", "landmark", run.landmarks.length], ["occupied", "occupied", run.grid || run.layers.length],
+      ["landmark", "landmark", run.landmarks.length], ["occupied", run.grid && run.layers.length ? "occupied; faint: by the map of the whole run" : "occupied", run.grid || run.layers.length],
       ["unseen", "unknown", run.grid || run.layers.length],
     ];
     byId("legend").replaceChildren();

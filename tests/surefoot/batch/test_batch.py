@@ -59,8 +59,8 @@ def test_what_is_done_is_not_done_again_and_what_failed_is(recordings):
     rows, given = run(recordings, made)
     assert given == ["b"]
     assert {row.status for row in rows.values()} == {"done"}
-    frames = {name: float(row["frames"]) for name, row in table(recordings.parent / "out").items()}
-    assert frames == dict.fromkeys(rows, 3.0)
+    frames = {name: row["frames"] for name, row in table(recordings.parent / "out").items()}
+    assert frames == dict.fromkeys(rows, "3")
     assert sorted(name for name, event in events(recordings) if event == "done") == sorted(rows)
 
 

@@ -75,8 +75,23 @@ def test_how_unusual_a_run_is_counts_robust_standard_deviations_in_the_bad_direc
     rows += [{"status": "done", "ate_m": 60.0}, {"status": "done", "ate_m": 10.0}, {"status": "done"}]  # fmt: skip
     found = unusualness(rows)
     assert found[-3] == pytest.approx(5.0, abs=0.25)
-    assert found[-2:] == [0.0, 0.0]
+    assert found[-2] == 0.0
+    assert np.isnan(found[-1])
     assert np.mean(np.array(found) > 2.0) == pytest.approx(0.0228, abs=0.01)
+
+
+def test_nis_is_unusual_where_it_is_far_from_one_either_way():
+    rows = [
+        {"status": "done", "track_nis": value} for value in (0.8, 0.9, 1.0, 1.1, 1.2, 0.09, 11.0)
+    ]
+    found = unusualness(rows)
+    assert found[5] == pytest.approx(found[6], rel=0.01)  # 1/11 and 11
+    assert min(found[5:]) > 3.5 > max(found[:5])
+
+
+def test_two_runs_are_not_called_usual():
+    cells = Cells(page("2 x process", "2 of 2 done", [row(0), row(1)]))
+    assert [one[cells.rows[0].index("unusual")] for one in cells.rows[1:]] == ["", ""]
 
 
 def test_figures_that_hardly_ever_differ_are_unusual_where_they_do():

@@ -20,7 +20,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 from surefoot.evaluation.evaluate import evaluate
 from surefoot.report.page import write_report
-from surefoot.report.plots import time_series
+from surefoot.report.plots import consistency, time_series
 from surefoot.results.row_stream import RowStream
 from surefoot.results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 
@@ -378,9 +378,18 @@ def test_a_missed_target_is_shown(run, tmp_path, undrawn):
     bad.write_trajectory("truth/trajectory.txt", shifted)
     evaluate(bad)
     text = write_report(bad).read_text()
-    assert "missed: position error, RMS (0.1" in text
+    assert re.search(
+        r"missed: position error, RMS \((0\.2|0\.19\d|0\.20\d) m, at most 0\.05 m\)", text
+    )
     assert "(too sure: errors " in text
     assert text.count("✗ missed") == before + 2  # position, and consistency of its covariance
+
+
+def test_the_names_of_the_calibration_stand_beside_the_curves_in_their_colours(run):
+    curves, means = consistency.calibration(run).figure.axes
+    assert curves.get_legend() is None
+    drawn = [line.get_color() for line in curves.get_lines()[1:]]  # the first is the diagonal
+    assert [name.get_color() for name in means.get_yticklabels()] == drawn
 
 
 def test_a_recording_without_truth_has_a_page_too(run, tmp_path):
@@ -491,13 +500,14 @@ def test_the_report_of_a_panorama_lists_its_obstacles(tmp_path):
         "right_edge_m": [1.2, 0.1],
     }
     made.write_json("panorama.json", {"views": [{"placed": True, "frame": 0}], "gaps": [],
-                                      "obstacles": [{**edges, "sigma_distance_m": 0.05}]})  # fmt: skip
+                                      "obstacles": [{**edges, "sigma_distance_m": 0.05, "sigma_width_m": 0.0031}]})  # fmt: skip
     made.write_bytes("panorama_obstacles.png", cv2.imencode(".png", np.zeros((9, 9)))[1].tobytes())
     text = write_report(RunFolder.open(made.root)).read_text()
     page = Page(text)
     assert "panorama" in page.identities
     assert len(page.images) == 1
     assert "1.23 ± 0.05" in text
+    assert "0.400 ± 0.003" in text
     assert "6 to 29" in text
     assert "unknown" in text
     assert "surefoot panorama RECORDING" in text

@@ -26,7 +26,7 @@ from surefoot.cli.main import main
 from surefoot.report.replay import gathering, page
 from surefoot.report.replay.columns import columns
 from surefoot.report.replay.entry import Entries
-from surefoot.report.replay.figures import nearest_obstacle
+from surefoot.report.replay.figures import figures, nearest_obstacle
 from surefoot.results.moment import UNKNOWN, Layers, Moment, Prediction, SurfaceSeen
 from surefoot.results.moments import MomentWriter, held
 from surefoot.results.run_folder import RunFolder
@@ -492,3 +492,10 @@ def test_numbers_that_are_not_finite_are_left_out(tmp_path):
     text = page.replay_page(RunFolder.create(tmp_path / "strange"), strange)
     assert text is not None
     assert columns(strange)["pose"][1][3:] == [None, 0.0, None, None]
+
+
+def test_a_heading_and_a_place_of_nothing_have_no_sign():
+    nearly = Gaussian(np.array([-1e-4, -1e-4, -1e-3]), 1e-6 * np.eye(3))
+    words = dict(figures([Moment(stamp_s=0.0, pose=nearly)], [])[0])
+    assert words["heading"][0].startswith("0° ±")
+    assert words["position"][0].startswith("0.00, 0.00 m")

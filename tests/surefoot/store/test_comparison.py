@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from perception.primitives.errors import InputError
 from surefoot.cli.main import main
-from surefoot.store.comparison import BETTER, SILENT, WORSE, compared
+from surefoot.store.comparison import BETTER, SILENT, WORSE, compared, shown_change
 from surefoot.store.run_tables import write_run_tables
 from surefoot.store.sides import Side, read_side
 
@@ -73,6 +73,16 @@ def test_equal_runs_are_equal_and_time_is_never_judged():
 def test_few_pairs_are_called_too_few():
     found = verdicts(side("a", ate_m=[0.01] * 4), side("b", ate_m=[0.02, 0.021, 0.022, 0.023]))
     assert found["ate_m"].verdict == "too few pairs: 4 differ, 10 needed"
+    for count, without in ((5, True), (6, False)):
+        more = verdicts(
+            side("a", ate_m=[0.01] * count), side("b", ate_m=0.02 + 0.001 * np.arange(count))
+        )
+        assert shown_change(more["ate_m"]).endswith(" %, no interval") == without
+
+
+def test_a_loss_that_the_printed_digits_do_not_show_is_no_worst_case():
+    found = verdicts(side("a", ate_m=[0.08653, 0.02]), side("b", ate_m=[0.086531, 0.03]))
+    assert found["ate_m"].worst == ("sequence 1",)
 
 
 def test_a_figure_is_compared_over_the_pairs_that_both_know():
