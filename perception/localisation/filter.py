@@ -45,7 +45,7 @@ GATE_PROBABILITY = 0.999  # ours: share of correct sightings inside the gate
 RECOVERY_SIGMA_M = 0.15  # ours: added to the position when most sightings are rejected
 RECOVERY_SIGMA_RAD = math.radians(8.0)  # ours: added to the heading then
 SIGHTINGS_LEAST_NIS = 0.5  # ours: half of what a sighting errs by lasts through many frames
-TESTED = 4  # ours: sightings that are tested together; two seconds
+TESTED = 4  # ours: frames with sightings that are tested together; two seconds
 DOUBTED = (X, Y, YAW, PAN)
 DOUBT_BEGINS = np.array([0.06, 0.06, math.radians(2.0), math.radians(5.0)])
 """Ours: deviation added to position, heading and pan offset when landmarks begin to disagree, m and rad."""
@@ -222,10 +222,12 @@ class PoseFilter:
     def _doubted(self, sightings: Sequence[Sighting]) -> list[Sighting]:
         """The sightings with covariances as large as they disagree; when that begins, the state is doubted too."""
         agreed = self._surprise.agrees
-        for sighting in sightings:
-            place = self._positions.get(-1 if sighting.identity is None else sighting.identity)
-            if place is not None and _is_finite(sighting):
-                self._surprise.update(self._innovation(sighting, place).nis)
+        known = self._known(sightings)
+        inside = [one for one in known if self._associate(one)[0] is not None]
+        tested = inside if 2 * len(inside) > len(known) else known
+        if tested:
+            joint = Innovation.of(None, *self._residual(tested, self._positions_of(tested)))
+            self._surprise.update(joint.nis, len(tested))
         factor = self._surprise.factor
         if agreed and not self._surprise.agrees:
             state = self._ukf.state
@@ -252,36 +254,56 @@ class PoseFilter:
         ]
         return near[0] if len(near) == 1 else (None, None)
 
+    def _known(self, sightings: Sequence[Sighting]) -> list[Sighting]:
+        """The sightings of landmarks of the map."""
+        return [one for one in sightings if one.identity in self._positions and _is_finite(one)]
+
+    def _positions_of(self, known: Sequence[Sighting]) -> Float[np.ndarray, "k 2"]:
+        """Where the landmarks of these sightings are."""
+        return np.array(
+            [self._positions[one.identity] for one in known if one.identity is not None]
+        )
+
     def _innovation(self, sighting: Sighting, position: np.ndarray) -> Innovation:
         """Innovation of one sighting of the landmark at this position."""
-        (sigma_m,) = range_sigmas([sighting]).tolist()
-        expected = self._ukf.expected(position, sigma_m)
-        difference = models.sighting_difference(sighting.measured, expected.mean)
-        own = self._sightings_factor.value**2 * sighting.covariance
-        covariance = models.positive(expected.covariance + own)
-        return Innovation.of(sighting.identity, difference, covariance)
+        return Innovation.of(sighting.identity, *self._residual([sighting], position[None]))
 
-    def _update(self, accepted: list[tuple[Sighting, np.ndarray]]) -> None:
-        measured = np.concatenate([sighting.measured for sighting, _ in accepted])
-        positions = np.array([position for _, position in accepted])
+    def _residual(
+        self, sightings: Sequence[Sighting], places: Float[np.ndarray, "k 2"]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Measured minus expected (range, bearing, ...) of sightings of one frame, and its covariance."""
+        measured, noise, sigmas = self._measurement(sightings)
+        expected = self._ukf.expected(places, sigmas)
+        covariance = models.positive(expected.covariance + noise)
+        return models.sighting_difference(measured, expected.mean), covariance
+
+    def _measurement(
+        self, sightings: Sequence[Sighting]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(range, bearing, ...) of sightings of one frame, their joint covariance, and sigmas of the ranges."""
+        measured = np.concatenate([sighting.measured for sighting in sightings])
         noise = joint_noise(
-            [self._sightings_factor.value**2 * sighting.covariance for sighting, _ in accepted],
+            [self._sightings_factor.value**2 * sighting.covariance for sighting in sightings],
             self.noise.shared_bearing_sigma_rad,
         )
-        sigmas = range_sigmas([sighting for sighting, _ in accepted])
-        self._ukf.update(measured, noise, positions, sigmas)
+        return measured, noise, range_sigmas(sightings)
+
+    def _update(self, accepted: list[tuple[Sighting, np.ndarray]]) -> None:
+        measured, noise, sigmas = self._measurement([sighting for sighting, _ in accepted])
+        places = np.array([position for _, position in accepted])
+        self._ukf.update(measured, noise, places, sigmas)
 
     def _recover(self, sightings: Sequence[Sighting]) -> None:
         """After several rejected frames in a row: reset the pose, or inflate its covariance."""
         self._frames_rejected += 1
         if self._frames_rejected < self.config.rejected_frames:
             return
-        known = [s for s in sightings if s.identity in self._positions and _is_finite(s)]
+        known = self._known(sightings)
         found = None
         if len(known) >= 2:
             found = pose_from_sightings(
                 known,
-                np.array([self._positions[s.identity] for s in known if s.identity is not None]),
+                self._positions_of(known),
                 joint_noise([s.covariance for s in known], self.config.shared_bearing_sigma_rad),
             )
         state = self._ukf.state

@@ -52,8 +52,10 @@ class UkfEngine(Protocol):
     def update_turn(self, turn_rad: float, sigma_rad: float, dt: float) -> None:
         """Update with the gyro's integral over dt seconds."""
 
-    def expected(self, place: Float[np.ndarray, "2"], sigma_m: float) -> Gaussian:
-        """Expected (range, bearing) of a position, without noise; sigma_m is that of the range."""
+    def expected(
+        self, places: Float[np.ndarray, "k 2"], sigmas: Float[np.ndarray, "k"]
+    ) -> Gaussian:
+        """Expected (range, bearing, ...) of positions, without noise; sigmas are those of the ranges, m."""
 
     def update(
         self,
@@ -101,9 +103,11 @@ class CompiledUkf:
             np.array([[sigma_rad**2]]),
         )
 
-    def expected(self, place: Float[np.ndarray, "2"], sigma_m: float) -> Gaussian:
+    def expected(
+        self, places: Float[np.ndarray, "k 2"], sigmas: Float[np.ndarray, "k"]
+    ) -> Gaussian:
         points, weights = self._filter.sigma_points(), self._filter.points
-        seen = measure_all(points, place[None], np.array([sigma_m]))
+        seen = measure_all(points, places, sigmas)
         return _transformed(seen, weights.mean, weights.covariance)
 
     def update(
@@ -178,8 +182,10 @@ class FilterpyUkf:
         )
         self._condition()
 
-    def expected(self, place: Float[np.ndarray, "2"], sigma_m: float) -> Gaussian:
-        seen = [models.sighted(p, place[None], np.array([sigma_m])) for p in self._filter.sigmas_f]
+    def expected(
+        self, places: Float[np.ndarray, "k 2"], sigmas: Float[np.ndarray, "k"]
+    ) -> Gaussian:
+        seen = [models.sighted(point, places, sigmas) for point in self._filter.sigmas_f]
         return _transformed(np.array(seen), self._filter.Wm, self._filter.Wc)
 
     def update(
@@ -224,7 +230,7 @@ def measure_all(points: np.ndarray, places: np.ndarray, sigmas: np.ndarray) -> n
 
 
 def _transformed(seen: np.ndarray, weights_mean: np.ndarray, weights: np.ndarray) -> Gaussian:
-    """Unscented transform of (range, bearing) of all points."""
+    """Unscented transform of (range, bearing, ...) of all points."""
     mean = models.sighting_mean(seen, weights_mean)
     spread = np.array([models.sighting_difference(row, mean) for row in seen])
     return Gaussian(mean, spread.T @ (weights[:, None] * spread))

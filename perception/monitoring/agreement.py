@@ -60,29 +60,25 @@ class Surprise:
     def __init__(self, degrees: int, window: int) -> None:
         """Begin without innovations; arguments as for `Bias`."""
         self._degrees = degrees
-        self._recent: deque[float] = deque(maxlen=window)
-        self._limits = {
-            n: [chi_square_quantile(one, n * degrees) for one in (DISAGREE, AGREE)]
-            for n in range(1, window + 1)
-        }
-        self._cap = self._limits[window][0] / 2.0
+        self._recent: deque[tuple[float, int]] = deque(maxlen=window)
         self.agrees = True
+        self.factor = 1.0
+        """By how much the covariances of the window are too small; 1 while all is well."""
 
-    def update(self, nis: float) -> bool:
+    def update(self, nis: float, joint: int = 1) -> bool:
         """Take in a normalised innovation squared; whether all is well.
 
         One outlier is never a doubt: it counts for at most half of what makes one.
-        """
-        self._recent.append(min(nis, self._cap))
-        begin, end = self._limits[len(self._recent)]
-        enough = len(self._recent) == self._recent.maxlen
-        total = sum(self._recent)
-        self.agrees = (not enough or total <= begin) if self.agrees else total <= end
-        return self.agrees
 
-    @property
-    def factor(self) -> float:
-        """By how much the covariances of the window are too small; 1 while all is well."""
-        if self.agrees:
-            return 1.0
-        return max(1.0, sum(self._recent) / (self._degrees * len(self._recent)))
+        Args:
+            nis: Chi-square with `degrees` degrees of freedom for each innovation if consistent.
+            joint: Number of innovations in it, whose covariance is a joint one.
+        """
+        self._recent.append((nis, joint))
+        degrees = self._degrees * sum(n for _, n in self._recent)
+        begin, end = (chi_square_quantile(one, degrees) for one in (DISAGREE, AGREE))
+        enough = len(self._recent) == self._recent.maxlen
+        total = sum(min(one, begin / 2.0) for one, _ in self._recent)
+        self.agrees = (not enough or total <= begin) if self.agrees else total <= end
+        self.factor = 1.0 if self.agrees else max(1.0, total / degrees)
+        return self.agrees

@@ -27,6 +27,7 @@ from perception.floor import classify
 from perception.primitives.frame import Depth
 from perception.primitives.obstacle import MOVING
 from perception.primitives.pose import Pose2, Pose3, wrap_angle
+from perception.primitives.robot_model import HeadLimits
 
 from .. import footsteps
 from ..avoidance import primitives
@@ -103,6 +104,7 @@ class AvoidancePlanner(GoalSeeker):
         self._rng = np.random.default_rng([config.seed, 41])
         self._phase = "walk"
         self._urged = False
+        self._directions = directions(self._robot.head)
         self._views: list[View] = []
         self._off_rad = math.inf
         self._stand = Pose2()  # frame of the views: where the scan began, x to the goal
@@ -139,12 +141,12 @@ class AvoidancePlanner(GoalSeeker):
         colour = world.estimate.colour
         if colour is not None and self._phase == "walk":
             self._picture = colour.rgb
-        if self._phase != "scan" or len(self._views) >= len(DIRECTIONS):
+        if self._phase != "scan" or len(self._views) >= len(self._directions):
             return
         depth = next((view.depth for view in world.estimate.views), None)
         if depth is None or depth.T_body_camera is None:
             return
-        if self._aimed(_off_aim(depth, DIRECTIONS[len(self._views)])):
+        if self._aimed(_off_aim(depth, self._directions[len(self._views)])):
             T_stand_camera = self._as_stood(world.pose2, depth.T_body_camera)
             view = view_of_depth(depth, FARTHEST_M, prior=T_stand_camera, stamp_s=world.stamp_s)
             self._views.append(view)
@@ -170,10 +172,10 @@ class AvoidancePlanner(GoalSeeker):
         if world.pose is None or world.grid is None or goal is None:
             return Decision(WalkCommand(), GazeCommand(), "blocked")
         robot = world.pose2
-        if self._phase == "scan" and len(self._views) == len(DIRECTIONS):
+        if self._phase == "scan" and len(self._views) == len(self._directions):
             self._conclude(goal, world.stamp_s)
         if self._phase == "scan":
-            return Decision(WalkCommand(), GazeCommand(*DIRECTIONS[len(self._views)]), "scan")
+            return Decision(WalkCommand(), GazeCommand(*self._directions[len(self._views)]), "scan")
         if self._phase == "stop":
             if world.stamp_s >= self._wait_s:
                 self._scan(robot, math.atan2(goal[1] - robot.y, goal[0] - robot.x))
@@ -348,9 +350,22 @@ class AvoidancePlanner(GoalSeeker):
         return True
 
 
-DIRECTIONS = [(math.radians(pan), 0.0) for pan in LEVEL_DEG]
-DIRECTIONS += [(math.radians(pan), DOWN_RAD) for pan in DOWN_DEG]
-"""Pan and tilt of the nine views; from 0.6 m on they overlap on the ground ahead."""
+def directions(head: HeadLimits) -> list[tuple[float, float]]:
+    """Pan and tilt of the nine views, rad, fewer where the limits of the head make some the same.
+
+    From 0.6 m on they overlap on the ground ahead.
+    """
+    highest, lowest = (math.radians(tilt) for tilt in head.tilt_deg)
+    wanted = [(pan, 0.0) for pan in LEVEL_DEG] + [(pan, DOWN_RAD) for pan in DOWN_DEG]
+    return list(
+        dict.fromkeys(
+            (
+                math.radians(min(max(pan, -head.pan_deg), head.pan_deg)),
+                min(max(tilt, highest), lowest),
+            )
+            for pan, tilt in wanted
+        )
+    )
 
 
 def _off_aim(depth: Depth, aim: tuple[float, float]) -> float:

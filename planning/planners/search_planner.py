@@ -202,17 +202,19 @@ def _as_ground(
 ) -> tuple[Float32[np.ndarray, "n n"], Bool[np.ndarray, "n n"], Bool[np.ndarray, "n n"]]:
     """Occupancy and unknown cells for the search, and the cells that no step may touch.
 
-    Static obstacles extend behind the face that is seen, so unseen cells just behind it count as occupied. Cells of
+    Static obstacles extend behind the face that is seen. The search keeps away from all unseen cells beside a face; no
+    step may touch those with free ground opposite, which the unseen ground at the feet of the robot has not. Cells of
     moving obstacles are expensive for the search, not blocked: the guard avoids the obstacles themselves.
     """
     probability, known, moving = grid.probability, grid.known, grid.moving
     occupied = known & (probability >= OCCUPIED)
     standing = (occupied & ~moving).view(np.uint8)
-    near = cv2.dilate(standing, _diamond(round(DEPTH_M / grid.cell_m))).view(np.bool_)
-    behind = ~known & near
+    diamond = _diamond(round(DEPTH_M / grid.cell_m))
+    beside = ~known & cv2.dilate(standing, diamond).view(np.bool_)
+    behind = beside & _opposite(known & ~occupied, standing.view(np.bool_), diamond)
     probability = np.where(known & moving, np.minimum(probability, MOVER_COST), probability)
-    probability = np.where(behind, HIDDEN, probability).astype(np.float32)
-    return probability, ~known & ~behind, occupied | behind
+    probability = np.where(beside, HIDDEN, probability).astype(np.float32)
+    return probability, ~known & ~beside, occupied | behind
 
 
 def _supposed(obstacles: Sequence[Obstacle]) -> list[Obstacle]:
@@ -229,6 +231,21 @@ def _not_movers(
     reach = np.array([o.radius_m for o in movers]) + CELL_M
     gaps = np.linalg.norm(cells[:, None] - places, axis=2)
     return cells[(gaps > reach).all(axis=1)]
+
+
+def _opposite(
+    free: Bool[np.ndarray, "n n"],
+    standing: Bool[np.ndarray, "n n"],
+    offsets: UInt8[np.ndarray, "side side"],
+) -> Bool[np.ndarray, "n n"]:
+    """Cells that mirror a free one in a standing one, which lies at one of the offsets."""
+    n, edge = len(free), len(offsets) - 1
+    ground, face = np.pad(free, edge), np.pad(standing, edge)
+    found = np.zeros_like(free)
+    for row, column in np.argwhere(offsets) - edge // 2:
+        over = face[edge + row :, edge + column :][:n, :n]
+        found |= over & ground[edge + 2 * row :, edge + 2 * column :][:n, :n]
+    return found
 
 
 @cache

@@ -69,7 +69,7 @@ class Guard:
     @property
     def cell_distance_m(self) -> float:
         """Distance kept between the middle of the body and that of an occupied cell, m."""
-        return self.robot.breadth * constants.CELL_DISTANCE_M
+        return self.robot.radius_m + constants.CELL_M
 
     def choose(
         self,
@@ -312,7 +312,7 @@ def _cells(
 ) -> arguments.Cells:
     """The cells within reach, nearest first; the required distance is at most the present one."""
     gap = np.hypot(*(occupied - here).T)
-    wanted_m = model.breadth * constants.CELL_DISTANCE_M
+    wanted_m = model.radius_m + constants.CELL_M
     contact_m = model.breadth * constants.CELL_CONTACT_M
     reach = steps * model.gait.step_s * model.gait.max_speed_mps + wanted_m
     near = np.flatnonzero(gap <= reach)

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from perception.primitives.errors import ConfigError
 from perception.primitives.settings import setting
 
-CELL_DISTANCE_M = 0.185
-"""Ours: distance kept from the middle of a DARwIn-OP to that of an occupied cell, 1 cm to spare; grows with breadth."""
+CELL_M = 0.035
+"""Ours: distance kept between the body and the middle of an occupied cell, half the diagonal of a cell of 5 cm; the same
+for every robot."""
 
 CELL_CONTACT_M = 0.15
-"""Ours: the same distance at contact."""
+"""Ours: distance of the middle of a DARwIn-OP to that of a cell at contact; grows with breadth."""
 
 STILL_MARGIN_M = 0.02  # ours: margin to a static obstacle
 SMALL_RADIUS_M = 0.20  # ours: larger static tracks are represented by occupied cells alone

@@ -49,6 +49,18 @@ def test_one_outlier_is_no_doubt_and_three_are():
     assert surprise.factor > 5.0
 
 
+def test_joint_innovations_of_any_number_are_seldom_doubted():
+    rng = np.random.default_rng(4)
+    doubted = 0
+    for _ in range(RUNS):
+        surprise = Surprise(2, 4)
+        for many in rng.integers(1, 7, LENGTH):
+            if not surprise.update(float(rng.chisquare(2 * many)), int(many)):
+                doubted += 1
+                break
+    assert doubted < 0.05 * RUNS  # each test 1e-4, of 100 windows that overlap
+
+
 def test_the_factor_tells_by_how_much_covariances_are_too_small():
     rng = np.random.default_rng(3)
     factors = []

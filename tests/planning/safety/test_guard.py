@@ -189,6 +189,17 @@ def goes_straight_for_ever(obstacle: Obstacle) -> Motion:
     )
 
 
+@pytest.mark.parametrize("radius_m", [0.075, 0.15, 0.34])
+def test_a_robot_of_any_size_walks_between_cells_that_its_disc_does_not_reach(radius_m):
+    """Two rows of square cells, 5 cm wide: a disc this far from their middles is clear of their corners at any angle."""
+    robot, corner_m = replace(DARWIN_OP, radius_m=radius_m), 0.025 * math.sqrt(2.0)
+    sides = (radius_m + corner_m) * np.array([1.0, -1.0])
+    cells = np.array([(x, y) for x in np.arange(-0.5, 1.5, 0.05) for y in sides])
+    wish = footstep(0.0, 0.07, Pose2(), GAIT)
+    assert choose(wish, at(Pose2()), [], cells, np.array([1.0, 0.0]), CONFIG, robot) is wish
+    assert Guard(CONFIG, robot).cell_distance_m == pytest.approx(radius_m + corner_m, abs=1e-3)
+
+
 def test_the_robot_does_not_follow_an_obstacle_that_may_reverse_closely():
     wish = footstep(0.0, 0.10, Pose2(), GAIT)
     away = mover(0.52, 0.0, 0.06, 0.0)

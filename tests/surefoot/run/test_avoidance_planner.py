@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from mapping.grid.egocentric_grid import EgocentricGrid, GridConfig
 from perception.estimate import Estimate
+from perception.primitives.camera import Camera
+from perception.primitives.frame import Depth
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2, Pose3, head_rotation
+from perception.primitives.robot_model import DARWIN_OP, HeadLimits
 from planning.avoidance.choice import Choice
 from planning.avoidance.pivot import Pivot
 from planning.avoidance.primitives import Leg, on_line, passage
 from planning.commands import GazeCommand
-from planning.planners.avoidance_planner import DIRECTIONS, INTO_RAD, AvoidancePlanner
+from planning.planners.avoidance_planner import (
+    INTO_RAD,
+    AvoidancePlanner,
+    _off_aim,
+    directions,
+)
 from planning.planners.settings import PlanningConfig
 from planning.world_model import WorldModel
 from sim.robot import SimulatedRobot
@@ -51,15 +60,34 @@ def _world(robot: Pose2) -> WorldModel:
 def _sees(pan: float, tilt: float) -> bool:
     return any(
         abs(pan - math.degrees(p)) <= HALF_PAN_DEG and abs(tilt - math.degrees(t)) <= HALF_TILT_DEG
-        for p, t in DIRECTIONS
+        for p, t in directions(DARWIN_OP.head)
     )
 
 
 def test_nine_views_leave_no_stripe_of_the_ground_ahead_unseen():
-    assert len(DIRECTIONS) == 9
+    assert len(directions(DARWIN_OP.head)) == 9
     for pan in np.linspace(-60.0, 60.0, 61):
         for away in np.linspace(0.75, 2.5, 8):
             assert _sees(float(pan), math.degrees(math.atan2(HEAD_M, away)))
+
+
+@pytest.mark.parametrize(
+    ("head", "many"),
+    [
+        (HeadLimits(90.0, (20.0, 75.0)), 9),  # looks down only: nine pans at 20 deg
+        (HeadLimits(30.0, (-10.0, 60.0)), 7),  # 60 and 45 deg become 30: three views and four
+    ],
+)
+def test_a_head_that_stops_at_its_limits_reaches_every_view_of_the_scan(head, many):
+    most, (highest, lowest) = math.radians(head.pan_deg), np.radians(head.tilt_deg)
+    image, camera = np.full((36, 44), 2.0, np.float32), Camera(44, 36, 54.0, 54.0, 22.0, 18.0)
+    planner = AvoidancePlanner(PlanningConfig(robot=replace(DARWIN_OP, head=head)), [(3.0, 0.0)])
+    planner._scan(Pose2(), 0.0)
+    for pan, tilt in planner._directions:
+        stopped = np.clip(pan, -most, most), np.clip(tilt, highest, lowest)
+        eye = Pose3.from_rotation(head_rotation(*map(float, stopped)), np.array([0.0, 0.0, 0.4]))
+        assert planner._aimed(_off_aim(Depth(image, 0.01 * image, camera, eye), (pan, tilt)))
+    assert len(planner._directions) == len(set(planner._directions)) == many
 
 
 def test_views_of_who_is_turned_by_its_own_head_show_things_where_they_stand():
@@ -68,7 +96,7 @@ def test_views_of_who_is_turned_by_its_own_head_show_things_where_they_stand():
     planner = AvoidancePlanner(PlanningConfig(), [(3.0, 0.0)])
     planner._scan(Pose2(0.5, 0.1, heading + 0.05), heading)
     stood = Pose2(0.5, 0.1, heading).inverse().apply(thing[None, :2])[0]
-    for k, (pan, tilt) in enumerate(DIRECTIONS):
+    for k, (pan, tilt) in enumerate(directions(DARWIN_OP.head)):
         now = Pose2(0.5 + 0.001 * k, 0.1 - 0.002 * k, heading + math.radians(k - 3.0))
         T_body_camera = Pose3.from_rotation(head_rotation(pan, tilt), np.array([0.03, 0.0, 0.4]))
         in_camera = (now.lifted() @ T_body_camera).inverse().apply(thing[None])
