@@ -44,7 +44,7 @@ def write_page(folder: RunFolder, verdict: Verdict, command: Sequence[str]) -> P
     words, good = headline(metrics)
     page = Template(resources.files(__package__).joinpath("report_page.html").read_text("utf-8"))
     subtitle = [f"{metrics['format']} against {metrics['truth_format']}"]
-    subtitle += [str(metrics[key]) for key in ("covariances", "note") if key in metrics]
+    subtitle += [str(metrics[key]) for key in ("left_out", "covariances", "note") if key in metrics]
     text = page.substitute(
         title="Trajectory against truth",
         subtitle=html.escape(" · ".join(subtitle)),
@@ -80,11 +80,10 @@ def headline(metrics: dict[str, Any]) -> tuple[str, bool | None]:
 def lines(metrics: dict[str, Any]) -> list[str]:
     """The verdict for the terminal."""
     shown = [
-        f"{metrics['matched_poses']:.0f} poses compared ({metrics['format']} against {metrics['truth_format']})",
+        f"{metrics['matched_poses']:.0f} of {metrics['poses']:.0f} poses compared "
+        f"({metrics['format']} against {metrics['truth_format']}){_left_out(metrics)}",
         f"ATE (RMS): {metrics['ate_m']:.4f} m as it stands{_after(metrics)}",
-        f"RPE (RMS): {metrics['rpe_frame_m']:.4f} m, {metrics['rpe_frame_deg']:.3f} deg from pose to pose"
-        if "rpe_frame_m" in metrics
-        else "RPE: needs two poses",
+        f"RPE (RMS): {metrics['rpe_frame_m']:.4f} m, {metrics['rpe_frame_deg']:.3f} deg from pose to pose",
     ]
     if "verdict" not in metrics:
         return [*shown, str(metrics["note"])]
@@ -118,6 +117,10 @@ def lines(metrics: dict[str, Any]) -> list[str]:
             f"(exact: {metrics['gaussian_radius']:.2f}), both fitted on the first half"
         )
     return shown
+
+
+def _left_out(metrics: dict[str, Any]) -> str:
+    return f": {metrics['left_out']}" if "left_out" in metrics else ""
 
 
 def _after(metrics: dict[str, Any]) -> str:
