@@ -115,6 +115,8 @@ class LivePage:
                     self._news.notify_all()
         except SurefootError as error:
             self._error = str(error)
+        except Exception as error:  # a bug: the page says so instead of waiting for ever
+            self._error = f"unexpected {type(error).__name__}: {error}"
         with self._news:
             self._over = True
             self._news.notify_all()
