@@ -236,7 +236,7 @@ def test_tum_kitti_and_euroc_files_of_one_trajectory_give_one_verdict(tmp_path):
         judge_files(tmp_path / "euroc.csv", tmp_path / "full.csv", late).metrics,
     ]
     assert [one["format"] for one in judged] == ["TUM", "KITTI", "EuRoC"]
-    for name in ("ate_m", "ate_aligned_m", "rpe_frame_m", "rpe_frame_deg", "pose_anees"):
+    for name in ("position_rmse_3d_m", "ate_m", "rpe_frame_m", "rpe_frame_deg", "pose_anees"):
         assert judged[1][name] == pytest.approx(judged[0][name], rel=1e-6)
         assert judged[2][name] == pytest.approx(judged[0][name], rel=1e-6)
 
@@ -248,7 +248,7 @@ def test_relative_errors_from_pose_to_pose_are_those_of_the_evo_package(recordin
     ).metrics
     # evo 1.38.1: evo_rpe and evo_ape tum, RMSE as printed by default and with -r angle_deg
     expected = {"rpe_frame_m": 0.005764370848928, "rpe_frame_deg": 0.3536131610448}
-    expected |= {"ate_m": 0.020079418378507, "matched_poses": 785}
+    expected |= {"position_rmse_3d_m": 0.020079418378507, "matched_poses": 785}
     assert {name: found[name] for name in expected} == pytest.approx(expected, rel=1e-9)
     assert found["note"] == "no covariances given: accuracy only"
 
