@@ -14,14 +14,14 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from perception.filtering.consistency import calibration
+from perception.filtering.consistency import band, calibration
 from perception.primitives.errors import InputError
 
 from ..results.tables import Trajectory
 from .foreign_covariance import PLANAR, POSITION, SPACE, WORDS, Claims, read_claims
 from .foreign_trajectory import ForeignTrajectory, pairs, read_trajectory
 from .metrics import calibration as scores
-from .metrics.consistency import band, consistency_metrics, effective_samples, squared, whitened
+from .metrics.consistency import consistency_metrics, effective_samples, squared, whitened
 from .metrics.gauge_alignment import (
     MAX_BODY_ROTATION_DEG,
     body_rotation_deg,

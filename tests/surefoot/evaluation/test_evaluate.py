@@ -12,16 +12,16 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
+from perception.filtering.consistency import band
 from perception.primitives.errors import InputError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 from surefoot.evaluation.evaluate import evaluate
 from surefoot.evaluation.metrics.consistency import (
-    band,
     calibration_error,
     consistency_metrics,
     effective_samples,
-    nees,
+    squared,
     whitened,
 )
 from surefoot.evaluation.metrics.contacts import contact_intervals, goal_metrics, walk_metrics
@@ -290,7 +290,7 @@ def test_nees_is_the_squared_mahalanobis_distance_and_infinite_without_a_covaria
     P = np.array([[4.0, 1.0, 0.0], [1.0, 9.0, 0.0], [0.0, 0.0, 0.01]])
     e = np.array([1.0, -2.0, 0.05])
     claims = np.stack([P, np.zeros((3, 3)), np.diag([1.0, np.nan, 1.0])])
-    found = nees(np.stack([e, e, e]), claims)
+    found = squared(whitened(np.stack([e, e, e]), claims))
     assert found[0] == pytest.approx(e @ np.linalg.inv(P) @ e)
     assert np.isinf(found[1:]).all()
     figures = consistency_metrics(whitened(np.stack([e, e, e]), claims), "p")
