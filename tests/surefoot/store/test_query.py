@@ -134,6 +134,7 @@ def test_a_column_is_drawn_over_another(many, tmp_path):
         assert surefoot(question, many, "--plot", x, y, tmp_path / file).exit_code == 2
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_ends_a_question_that_computes(many):
     endless = "SELECT count(*) FROM range(1000000000000) a, range(1000) b"
     words = [sys.executable, "-m", "surefoot", "query", endless, str(many / "walk-0")]
