@@ -381,6 +381,19 @@ def test_a_walk_does_not_wait_for_a_page_that_is_closed(page, walk):
     assert not thread.is_alive()
 
 
+def test_a_closed_page_leaves_no_thread(walk):
+    before = set(threading.enumerate())
+    page = LivePage()
+    page.watch(walk)
+    page.show(
+        next(iter(read_moments(walk))), lambda: False
+    )  # and the walk never says that it is over
+    page.close()
+    for thread in set(threading.enumerate()) - before:
+        thread.join(5.0)
+    assert set(threading.enumerate()) <= before
+
+
 def test_a_stopped_walk_does_not_wait(page, walk):
     page.watch(walk)
     assert news(page, 0)[1] == []  # a page is open
