@@ -69,7 +69,7 @@ def nees(
     return np.asarray(np.sum(short * solved, axis=-1))
 
 
-def chi_square_quantile(probability: float, degrees: int) -> float:
+def chi_square_quantile(probability: float, degrees: float | int) -> float:
     """Value below which a chi-square variable is with the given probability."""
     if not 0.0 < probability < 1.0 or degrees < 1:
         raise InputError(
@@ -79,12 +79,12 @@ def chi_square_quantile(probability: float, degrees: int) -> float:
     return 2.0 * float(gammaincinv(degrees / 2.0, probability))
 
 
-def band(degrees: int, samples: int, probability: float = 0.95) -> tuple[float, float]:
+def band(degrees: int, samples: float | int = 1, probability: float = 0.95) -> tuple[float, float]:
     """Two-sided interval of the mean of independent normalised errors.
 
     Args:
         degrees: d, of one normalised error.
-        samples: Number of independent errors averaged; a run counts as one, its frames are correlated.
+        samples: Number of independent errors averaged, which need not be an integer; the frames of a run are correlated.
         probability: Of the interval.
 
     Returns:

@@ -61,12 +61,12 @@ def data(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
 
 
 def text(path: Path) -> str:
-    """The content of a UTF-8 text file, also gzipped (.gz); errors as of `data`."""
+    """The content of a UTF-8 text file without its byte order mark, also gzipped (.gz); errors as of `data`."""
     content = data(path, MOST_TEXT_BYTES)
     if path.suffix == ".gz":
         content = _unzipped(content)
     try:
-        return content.decode("utf-8")
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise UnreadableError(f"is not text in UTF-8 ({error})") from error
 

@@ -36,7 +36,8 @@ class Row:
         wall_s: Processing time, s.
         floor_share: Share of the frames with a floor.
         tilt_sigma_deg: Claimed standard deviation of the floor's tilt, median, deg.
-        ate_m: Position error against the truth, RMS, m: in its axes where the run has them, else after alignment.
+        position_rmse_m: Position error in the axes of the truth, where the run has them, RMS, m.
+        ate_m: Position error after rigid alignment with the truth (ATE), RMS, m.
         landmark_nis, track_nis: Mean NIS by its degrees of freedom; 1 if consistent.
         false_movers: Tracks that count as moving and followed nothing that moves, by the truth.
         reason: Why there is no run, or a remark on it.
@@ -52,6 +53,7 @@ class Row:
     wall_s: float | None = None
     floor_share: float | None = None
     tilt_sigma_deg: float | None = None
+    position_rmse_m: float | None = None
     ate_m: float | None = None
     landmark_nis: float | None = None
     track_nis: float | None = None

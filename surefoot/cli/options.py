@@ -141,9 +141,9 @@ def against_truth(folder: RunFolder) -> str:
 
     metrics = evaluate(folder, folder.path(TRUTH))
     write_run_tables(folder)
-    if "ate_aligned_m" not in metrics:
+    if "ate_m" not in metrics:
         return "against the poses of the recording: too few poses to compare"
     return (
-        f"against the poses of the recording: {metrics['ate_aligned_m']:.3f} m, "
-        f"{metrics['ate_aligned_deg']:.2f} deg (RMS, {metrics['matched_poses']:.0f} poses, aligned)"
+        f"against the poses of the recording: {metrics['ate_m']:.3f} m, "
+        f"{metrics['ate_deg']:.2f} deg (RMS, {metrics['matched_poses']:.0f} poses, aligned)"
     )

@@ -65,7 +65,13 @@ from .metrics.trajectory import (
 
 MIN_POSES = 5  # ours: with fewer poses an alignment leaves hardly any error
 
-_OWN_AXES = ("position_rmse_m", "position_max_m", "heading_rmse_deg", "heading_max_deg")
+_OWN_AXES = (
+    "position_rmse_m",
+    "position_max_m",
+    "position_rmse_3d_m",
+    "heading_rmse_deg",
+    "heading_max_deg",
+)
 
 
 def evaluate(

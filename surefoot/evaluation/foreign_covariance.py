@@ -1,6 +1,6 @@
 """Covariances of foreign trajectories: CSV tables, and pose graphs as g2o text.
 
-CSV: one line per pose, row by row, with or without a header and a first column of stamps (s or ns). The count tells
+CSV: one line per pose, row by row, with or without a header and a first column of stamps (as of trajectories). The count tells
 what a line holds: 36 a full 6x6 matrix, 21 its upper triangle, over (x, y, z, rotation vector); 9 and 6 the same of a
 3x3 matrix, over (x, y, yaw) if a name of the header contains "yaw" or "theta", else over (x, y, z). Units are m and
 rad. Of a table with other columns, those count whose names begin with "P_", P and a digit, "cov" or "aligned_".
@@ -33,6 +33,7 @@ from .metrics.trajectory import MAX_DIFFERENCE_S, associate
 
 SPACE, PLANAR, POSITION = "space", "planar", "position"
 GROWING, INDEPENDENT, ALIGNED, GRAPH = "growing", "independent", "aligned", "graph"
+UNFIT = "unfit"
 GROWS = 0.1  # ours: of a localiser the first covariance is as large as the others, of odometry it is nearly zero
 _SIZES = {36: (6, False), 21: (6, True), 9: (3, False), 6: (3, True)}
 _COVARIANCE = re.compile(r"P[_\d]|(?i:cov)")
@@ -41,6 +42,8 @@ _SAME_M = 1e-3  # ours: a vertex is at the pose of the trajectory that is this c
 WORDS = {
     GROWING: "covariances grow from the start: errors are taken to be accumulated, as of odometry",
     INDEPENDENT: "covariances do not grow from the start: errors are taken to be independent from pose to pose",
+    UNFIT: "covariances grow from the start, but not as accumulated errors do (the later ones would have to contain the "
+    "earlier ones): errors are taken to be independent from pose to pose",
     ALIGNED: "covariances are those of the error after rigid alignment",
     GRAPH: "covariances of all poses together follow from the pose graph",
 }
@@ -52,7 +55,7 @@ class Claims:
 
     Args:
         kind: `SPACE` (6x6 over x, y, z, rotation vector), `PLANAR` (x, y, yaw) or `POSITION` (x, y, z).
-        shared: How the errors of two poses belong together: `GROWING`, `INDEPENDENT`, `ALIGNED` or `GRAPH`.
+        shared: How the errors of two poses belong together: `GROWING`, `INDEPENDENT`, `UNFIT`, `ALIGNED` or `GRAPH`.
         rows: Which poses of the trajectory have a covariance, increasing.
         covariances: One per row, world axes, m and rad; of a graph relative to its first pose.
         graph: The pose graph, if the covariances come from one.
@@ -77,9 +80,19 @@ class Claims:
         if self.graph is not None:
             return self.graph.covariances(chosen, aligned=True)
         positions = poses.positions[self.rows[chosen]]
-        if self.shared == INDEPENDENT:
+        if self.shared != GROWING:
             return without_gauge(*self.gauge(positions), own=covariances)
         return without_gauge(*self.gauge(positions), covariances, self.carry(positions))
+
+    def fitting(self, poses: Trajectory, chosen: Int[np.ndarray, "m"]) -> Claims:
+        """These claims; as `UNFIT` if they grow but most would be impossible for accumulated errors after alignment."""
+        if self.shared == GROWING:
+            own = np.linalg.eigvalsh(self.covariances[chosen])
+            regular = own[:, 0] > 1e-12 * own[:, -1]
+            left = np.linalg.eigvalsh(self.left(poses, chosen)[regular])
+            if regular.any() and np.mean(left[:, 0] > 0.0) < 0.5:
+                return replace(self, shared=UNFIT)
+        return self
 
     def gauge(
         self, positions: Float[np.ndarray, "n 3"]
@@ -99,12 +112,12 @@ class Claims:
             chosen: Indices into `rows`, at most some hundred.
             aligned: After the rigid alignment over these poses.
         """
-        if self.shared not in (GROWING, INDEPENDENT):
+        if self.shared in (ALIGNED, GRAPH):
             return None
         positions, own = poses.positions[self.rows[chosen]], self.covariances[chosen]
         n, k = own.shape[:2]
         joint = np.zeros((n, k, n, k))
-        if self.shared == INDEPENDENT:
+        if self.shared != GROWING:
             joint[np.arange(n), :, np.arange(n), :] = own
         else:
             carry = self.carry(positions)
@@ -247,11 +260,11 @@ def _table(
         first = names[0].lower()
         timed = 0 not in chosen and ("stamp" in first or "time" in first or first in ("t", "t_s"))
         picked = [names[i] for i in chosen]
-        return (seconds(table[:, 0]) if timed else None), picked, table[:, chosen]
+        return (seconds(path, table[:, 0]) if timed else None), picked, table[:, chosen]
     if width in _SIZES:
         return None, names, table
     if width - 1 in _SIZES:
-        return seconds(table[:, 0]), names[1:], table[:, 1:]
+        return seconds(path, table[:, 0]), names[1:], table[:, 1:]
     raise InputError(
         f"{path}: {width} numbers per line; expected a stamp or none, and 36 (6x6), 21 (its upper triangle), "
         "9 (3x3) or 6 (its upper triangle)"
@@ -308,7 +321,8 @@ def _rows(
 def _check(path: Path, covariances: Float[np.ndarray, "n k k"]) -> None:
     """Refuse what is no covariance; a first pose without error is one."""
     scale = np.abs(covariances).max(axis=(1, 2))
-    uneven = np.abs(covariances - covariances.transpose(0, 2, 1)).max(axis=(1, 2))
+    with np.errstate(invalid="ignore"):  # inf - inf
+        uneven = np.abs(covariances - covariances.transpose(0, 2, 1)).max(axis=(1, 2))
     bad = ~np.isfinite(scale) | (uneven > 1e-4 * scale)
     if not bad.any():
         least = np.linalg.eigvalsh(covariances)[:, 0]

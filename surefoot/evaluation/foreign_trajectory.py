@@ -2,7 +2,7 @@
 
 | format | a line | stamps |
 |---|---|---|
-| TUM | stamp tx ty tz qx qy qz qw | s, or ns as ORB-SLAM3 writes them |
+| TUM | stamp tx ty tz qx qy qz qw | s; other units are recognised (`seconds`) |
 | KITTI | the 12 numbers of a 3x4 matrix, row by row | none: the number of the line |
 | EuRoC | stamp, tx, ty, tz, qw, qx, qy, qz and further columns, with commas | ns |
 
@@ -24,7 +24,10 @@ from ..results.tables import FARTHEST_M, Trajectory, text_lines
 from .metrics.trajectory import MAX_DIFFERENCE_S, associate
 
 TUM, KITTI, EUROC = "TUM", "KITTI", "EuRoC"
-NANOSECONDS = 1e14  # ours: a stamp in s beyond this is three million years after 1970
+UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+SINCE_1970_S = (9e8, 5e9)  # years 1998 to 2128
+SPACING_S = (1e-3, 10.0)  # ours: of poses, on a clock that began elsewhere
+WIDEST_S = 100.0  # ours: of poses, on a clock that began in 1970
 _ORDER = {TUM: (4, 5, 6, 7), EUROC: (5, 6, 7, 4)}  # columns of qx, qy, qz, qw
 _TOLERANCE = 0.01  # ours: of lengths of quaternions and of R R^T; four printed digits leave 1e-4
 
@@ -62,8 +65,7 @@ def read_trajectory(path: Path) -> ForeignTrajectory:
     lines = data_lines(path)
     if not lines:
         raise InputError(f"{path} holds no poses; expected lines of TUM, KITTI or EuRoC")
-    number, words, commas = lines[0]
-    kind = _kind(path, number, words, commas)
+    kind = _kind(path, lines)
     width = 12 if kind == KITTI else 8
     rows = []
     for line, found, _ in lines:
@@ -86,7 +88,7 @@ def read_trajectory(path: Path) -> ForeignTrajectory:
         return ForeignTrajectory(
             str(path), kind, _of_matrices(path, table, lines), np.arange(len(table)), len(table)
         )
-    stamps = seconds(table[:, 0])
+    stamps = seconds(path, table[:, 0])
     quats = table[:, _ORDER[kind]]
     lengths = np.linalg.norm(quats, axis=1)
     wrong = np.flatnonzero(np.abs(lengths - 1.0) > _TOLERANCE)
@@ -103,13 +105,16 @@ def read_trajectory(path: Path) -> ForeignTrajectory:
 def data_lines(path: Path) -> list[tuple[int, list[str], bool]]:
     """Number, words, and whether there are commas, of each line that is no comment or header.
 
-    A first line of names is a header. Raises InputError if the file cannot be read.
+    The header is one line of words before the numbers. Raises InputError if the file cannot be read.
     """
     found: list[tuple[int, list[str], bool]] = []
+    header = False
     for number, line in enumerate(text_lines(path), start=1):
         text = line.split("#", 1)[0].strip().rstrip(",;")
         words = text.replace(",", " ").replace(";", " ").split()
-        if words and (found or numbers_of(words)):
+        if words and not (found or header or any(numbers_of([word]) for word in words)):
+            header = True
+        elif words:
             found.append((number, words, "," in text or ";" in text))
     return found
 
@@ -122,9 +127,43 @@ def numbers_of(words: list[str]) -> list[float]:
         return []
 
 
-def seconds(stamps: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-    """Stamps in s from stamps in s or ns."""
-    return stamps * 1e-9 if np.median(np.abs(stamps)) > NANOSECONDS else stamps
+def seconds(path: Path, stamps: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+    """Stamps in s, from stamps of the file in s, ms, us or ns.
+
+    Raises:
+        InputError: The unit is not clear.
+    """
+    units = units_of(stamps)
+    if len(units) != 1:
+        step, last = _spacing(stamps), float(np.max(np.abs(stamps)))
+        raise InputError(
+            f"{path}: stamps up to {last:g} that are {step:g} apart (median) may be in {' or '.join(units)}; give them in s"
+            if units
+            else f"{path}: stamps up to {last:g} that are {step:g} apart (median) are in none of {', '.join(UNITS)}; give them in s"
+        )
+    return stamps * UNITS[units[0]]
+
+
+def units_of(stamps: Float[np.ndarray, "n"]) -> list[str]:
+    """Units in which stamps may be, by their size and spacing.
+
+    On a clock that began in 1970 the size tells. On another one the spacing tells: up to `SPACING_S` they are s, beyond
+    it what puts them into `SPACING_S`.
+    """
+    size, step = float(np.median(np.abs(stamps))), _spacing(stamps)
+    since_1970 = [
+        unit
+        for unit, scale in UNITS.items()
+        if SINCE_1970_S[0] <= size * scale <= SINCE_1970_S[1] and step * scale <= WIDEST_S
+    ]
+    if since_1970 or step <= SPACING_S[1]:
+        return since_1970 or ["s"]
+    return [unit for unit, scale in UNITS.items() if SPACING_S[0] <= step * scale <= SPACING_S[1]]
+
+
+def _spacing(stamps: Float[np.ndarray, "n"]) -> float:
+    steps = np.diff(np.unique(stamps))
+    return float(np.median(steps)) if len(steps) else 0.0
 
 
 def pairs(
@@ -155,10 +194,13 @@ def pairs(
     return mine, theirs
 
 
-def _kind(path: Path, number: int, words: list[str], commas: bool) -> str:
+def _kind(path: Path, lines: list[tuple[int, list[str], bool]]) -> str:
+    number, words, commas = lines[0]
     row = numbers_of(words)
-    if commas and len(row) >= 8 and abs(row[0]) > NANOSECONDS:
-        return EUROC
+    if commas and len(row) >= 8:
+        firsts = np.array([float(one[0]) for _, one, _ in lines if numbers_of(one[:1])])
+        if units_of(firsts[np.isfinite(firsts)]) == ["ns"]:
+            return EUROC
     if len(row) == 8:
         return TUM
     if len(row) == 12:

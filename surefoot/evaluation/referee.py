@@ -14,21 +14,29 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from perception.filtering.consistency import calibration
+from perception.filtering.consistency import band, calibration
 from perception.primitives.errors import InputError
 
 from ..results.tables import Trajectory
 from .foreign_covariance import PLANAR, POSITION, SPACE, WORDS, Claims, read_claims
 from .foreign_trajectory import ForeignTrajectory, pairs, read_trajectory
 from .metrics import calibration as scores
-from .metrics.consistency import band, consistency_metrics, effective_samples, squared, whitened
+from .metrics.consistency import consistency_metrics, effective_samples, squared, whitened
 from .metrics.gauge_alignment import (
     MAX_BODY_ROTATION_DEG,
     body_rotation_deg,
     errors_in_space,
     errors_on_floor,
 )
-from .metrics.trajectory import align, pick, relative_errors, rms, trajectory_metrics, wrapped
+from .metrics.trajectory import (
+    MAX_DIFFERENCE_S,
+    align,
+    pick,
+    relative_errors,
+    rms,
+    trajectory_metrics,
+    wrapped,
+)
 
 MIN_POSES = 5  # ours: with fewer poses an alignment leaves hardly any error
 MOTIONS = (
@@ -102,11 +110,19 @@ def judge(
 ) -> Verdict:
     """Judge a trajectory; arguments as for `judge_files`."""
     mine, theirs = pairs(estimate, truth)
+    left_out = _left_out(estimate, len(mine))
+    if len(mine) < MIN_POSES:
+        raise InputError(
+            f"only {len(mine)} of the {estimate.lines} poses of {estimate.source} can be compared"
+            f"{f' ({left_out})' * bool(left_out)}; at least {MIN_POSES} are needed"
+        )
     found = pick(estimate.poses, mine)
     true = replace(pick(truth.poses, theirs), stamps=found.stamps)
     metrics: dict[str, Any] = {
         "format": estimate.format,
         "truth_format": truth.format,
+        "poses": float(estimate.lines),
+        **({"left_out": left_out} if left_out else {}),
         **accuracy(found, true),
     }
     shown = _in_truth(found, true, same_axes)
@@ -121,7 +137,11 @@ def judge(
     errors = errors_of(claims.kind, pick(found, rows), pick(true, rows), same_axes)
     if claims.kind == SPACE and not same_axes:
         _check_body(pick(found, rows), pick(true, rows))
-    covariances = claims.covariances[chosen] if same_axes else claims.left(estimate.poses, chosen)
+    if same_axes:
+        covariances = claims.covariances[chosen]
+    else:
+        claims = claims.fitting(estimate.poses, chosen)
+        covariances = claims.left(estimate.poses, chosen)
     lengths = _LENGTHS[claims.kind]
     own = [truth_sigma[0]] * lengths + [truth_sigma[1]] * (errors.shape[1] - lengths)
     covariances = covariances + np.diag(np.square(own))
@@ -149,14 +169,12 @@ def accuracy(estimate: Trajectory, truth: Trajectory) -> dict[str, float]:
     `trajectory_metrics`, and the RPE from pose to pose (evo's default): rpe_frame_m, rpe_frame_deg.
     """
     figures = trajectory_metrics(estimate, truth)
-    if len(estimate) > 1:
-        every = np.arange(len(estimate) - 1)
-        lengths, angles = relative_errors(estimate, truth, (every, every + 1))
-        figures |= {
-            "rpe_frame_m": rms(lengths),
-            "rpe_frame_deg": float(np.degrees(rms(angles))),
-        }
-    return figures
+    every = np.arange(len(estimate) - 1)
+    lengths, angles = relative_errors(estimate, truth, (every, every + 1))
+    return figures | {
+        "rpe_frame_m": rms(lengths),
+        "rpe_frame_deg": float(np.degrees(rms(angles))),
+    }
 
 
 def errors_of(
@@ -315,6 +333,15 @@ def _by_distance(
         }
         for part in parts
     ]
+
+
+def _left_out(estimate: ForeignTrajectory, used: int) -> str:
+    """Why some poses are not compared, in words; empty if all are."""
+    same, apart = estimate.lines - len(estimate.poses), len(estimate.poses) - used
+    words = [f"{same} have the stamp of another pose"] if same else []
+    if apart:
+        words.append(f"{apart} have no true pose of their own within {MAX_DIFFERENCE_S:g} s")
+    return ", ".join(words)
 
 
 def _common(

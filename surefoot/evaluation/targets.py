@@ -91,7 +91,7 @@ _UNTARGETED = (  # words, figure, format
     ("path length", "path_m", "{:.2f} m"),
     ("duration", "duration_s", "{:.1f} s"),
     ("grid cells correct within one cell", "grid_correct_share_one_cell", "{:.4f}"),
-    ("position error after alignment, RMS (ATE)", "ate_aligned_m", "{:.4f} m"),
+    ("position error after alignment, RMS (ATE)", "ate_m", "{:.4f} m"),
     ("position error after smoothing, RMS", "smoothed_position_rmse_m", "{:.4f} m"),
     ("surface: distance of the map from the truth, median", "surface_accuracy_mm", "{:.1f} mm"),
     ("surface: map points within 2 cm of the truth", "surface_precision_2cm", "{:.1%}"),

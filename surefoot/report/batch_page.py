@@ -44,6 +44,7 @@ COLUMNS = (
     Column("seconds", "length, s", "{:.1f}"),
     Column("floor_share", "floor seen, %", "{:.0f}", 100.0, -1),
     Column("tilt_sigma_deg", "σ of tilt, deg", "{:.3f}", 1.0, 1),
+    Column("position_rmse_m", "position RMSE, mm", "{:.1f}", 1000.0, 1),
     Column("ate_m", "ATE, mm", "{:.1f}", 1000.0, 1),
     Column("landmark_nis", "NIS, landmarks", "{:.2f}", 1.0, 1, True),
     Column("track_nis", "NIS, tracks", "{:.2f}", 1.0, 1, True),

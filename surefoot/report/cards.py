@@ -98,8 +98,8 @@ def _trajectory(metrics: dict[str, Any]) -> list[Card]:
         shown = f"{metrics['heading_rmse_deg']:.2f}°"
         met = _met(metrics, "heading_rmse_deg")
         listed.append(Card("Heading error", shown, "RMS; at most 2°", met))
-    if "ate_aligned_m" in metrics and "position_rmse_m" not in metrics:
-        shown = f"{metrics['ate_aligned_m']:.3f} m"
+    if "ate_m" in metrics and "position_rmse_m" not in metrics:
+        shown = f"{metrics['ate_m']:.3f} m"
         listed.append(Card("Trajectory error", shown, "RMS after alignment (ATE)"))
     if metrics.get("pose_anees") is not None:
         low, high = metrics.get("pose_anees_low") or 0.0, metrics.get("pose_anees_high") or 0.0

@@ -6,6 +6,7 @@ bound to this machine (DNS rebinding), and takes commands only from its own page
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -15,7 +16,9 @@ from perception.primitives import safe_input
 
 HOST = "127.0.0.1"
 PORT = 8080  # ours; another free one where it is taken
-NAMES = ("localhost", HOST)  # any port: the page may come through a tunnel
+OWN_HOST = re.compile(  # any port: the page may come through a tunnel
+    rf"(localhost|{re.escape(HOST)})(:[0-9]{{1,5}})?", re.ASCII | re.IGNORECASE
+)
 LONGEST_COMMAND = 1000  # bytes
 
 
@@ -30,6 +33,9 @@ class LiveServer(ThreadingHTTPServer):
     """
 
     daemon_threads = True
+    request_queue_size = (
+        1024  # ours: connections that wait; of 5 a browser's later ones wait for seconds
+    )
 
     def __init__(
         self,
@@ -97,11 +103,10 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer(200, "application/json", b"{}")
 
     def _is_own(self) -> bool:
-        host = self.headers.get("Host", "")
-        name = host.rpartition(":")[0] if ":" in host else host
-        if name.lower() in NAMES:
+        hosts = self.headers.get_all("Host", [])
+        if len(hosts) == 1 and OWN_HOST.fullmatch(hosts[0]):
             return True
-        self._refuse(403, f"this page answers as localhost only, not as {name!r}")
+        self._refuse(403, f"this page answers as localhost only, not as {', '.join(hosts)!r}")
         return False
 
     def _refuse(self, code: int, words: str) -> None:

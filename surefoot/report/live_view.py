@@ -6,6 +6,7 @@ pages can only make it wait between two frames (`live_pace`). Ours.
 
 from __future__ import annotations
 
+import atexit
 import json
 import queue
 import secrets
@@ -43,10 +44,14 @@ class LivePage:
         self._id = secrets.token_hex(8)
         self._run: RunFolder | None = None
         self._over, self._error = False, ""
+        self._closed, self._preparing = threading.Event(), threading.Thread()
         self._pace = Pace()
         self._server = LiveServer(live_page(), self._answer, self._pace.command)
         self.address = self._server.address
         threading.Thread(target=self._server.serve_forever, args=(LOOK_S,), daemon=True).start()
+        atexit.register(
+            self.close
+        )  # a thread that encodes a picture while Python ends aborts the process
 
     def watch(self, run: RunFolder) -> None:
         """Show a walk; its moments come by `show`, its end by `finish`."""
@@ -67,7 +72,7 @@ class LivePage:
 
         def grows() -> bool:
             time.sleep(LOOK_S)
-            return run_lock.is_held(run.root)
+            return not self._closed.is_set() and run_lock.is_held(run.root)
 
         self._begin(run, moments_of(path, grows))
 
@@ -96,25 +101,36 @@ class LivePage:
             pass
 
     def close(self) -> None:
-        """Stop serving."""
+        """Stop preparing and serving."""
+        atexit.unregister(self.close)
+        self._closed.set()
+        if self._walk is not None:
+            self._walk.put(None)
+        if self._preparing.is_alive():
+            self._preparing.join()
         self._server.shutdown()
         self._server.server_close()
 
     def _begin(self, run: RunFolder, moments: Iterable[Moment]) -> None:
         self._run = run
-        threading.Thread(target=self._prepare, args=(run, moments), daemon=True).start()
+        self._preparing = threading.Thread(target=self._prepare, args=(run, moments), daemon=True)
+        self._preparing.start()
 
     def _prepare(self, run: RunFolder, moments: Iterable[Moment]) -> None:
         """Make the entries of the page as the moments come."""
         entries = Entries(run)
         try:
             for moment in held(moments):
+                if self._closed.is_set():
+                    break
                 text = json.dumps(entries.of(moment), separators=(",", ":"), allow_nan=False)
                 with self._news:
                     self._entries.append(text.encode())
                     self._news.notify_all()
         except SurefootError as error:
             self._error = str(error)
+        except Exception as error:  # a bug: the page says so instead of waiting for ever
+            self._error = f"unexpected {type(error).__name__}: {error}"
         with self._news:
             self._over = True
             self._news.notify_all()

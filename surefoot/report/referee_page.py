@@ -44,7 +44,7 @@ def write_page(folder: RunFolder, verdict: Verdict, command: Sequence[str]) -> P
     words, good = headline(metrics)
     page = Template(resources.files(__package__).joinpath("report_page.html").read_text("utf-8"))
     subtitle = [f"{metrics['format']} against {metrics['truth_format']}"]
-    subtitle += [str(metrics[key]) for key in ("covariances", "note") if key in metrics]
+    subtitle += [str(metrics[key]) for key in ("left_out", "covariances", "note") if key in metrics]
     text = page.substitute(
         title="Trajectory against truth",
         subtitle=html.escape(" · ".join(subtitle)),
@@ -80,11 +80,10 @@ def headline(metrics: dict[str, Any]) -> tuple[str, bool | None]:
 def lines(metrics: dict[str, Any]) -> list[str]:
     """The verdict for the terminal."""
     shown = [
-        f"{metrics['matched_poses']:.0f} poses compared ({metrics['format']} against {metrics['truth_format']})",
-        f"ATE (RMS): {metrics['ate_m']:.4f} m as it stands{_after(metrics)}",
-        f"RPE (RMS): {metrics['rpe_frame_m']:.4f} m, {metrics['rpe_frame_deg']:.3f} deg from pose to pose"
-        if "rpe_frame_m" in metrics
-        else "RPE: needs two poses",
+        f"{metrics['matched_poses']:.0f} of {metrics['poses']:.0f} poses compared "
+        f"({metrics['format']} against {metrics['truth_format']}){_left_out(metrics)}",
+        f"position error (RMS): {metrics['position_rmse_3d_m']:.4f} m as it stands{_after(metrics)}",
+        f"RPE (RMS): {metrics['rpe_frame_m']:.4f} m, {metrics['rpe_frame_deg']:.3f} deg from pose to pose",
     ]
     if "verdict" not in metrics:
         return [*shown, str(metrics["note"])]
@@ -120,8 +119,12 @@ def lines(metrics: dict[str, Any]) -> list[str]:
     return shown
 
 
+def _left_out(metrics: dict[str, Any]) -> str:
+    return f": {metrics['left_out']}" if "left_out" in metrics else ""
+
+
 def _after(metrics: dict[str, Any]) -> str:
-    names = (("ate_aligned_m", "aligned"), ("ate_scaled_m", "aligned with scale"))
+    names = (("ate_m", "aligned (ATE)"), ("ate_scaled_m", "aligned with scale"))
     return "".join(f", {metrics[key]:.4f} m {words}" for key, words in names if key in metrics)
 
 
@@ -131,9 +134,13 @@ def _by(one: dict[str, Any]) -> str:
 
 def _cards(metrics: dict[str, Any]) -> list[Card]:
     found = [Card("Poses compared", f"{metrics['matched_poses']:.0f}", metrics["format"])]
-    key = "ate_aligned_m" if "ate_aligned_m" in metrics else "ate_m"
-    note = "RMS after alignment" if key == "ate_aligned_m" else "RMS as it stands"
-    found.append(Card("Trajectory error (ATE)", f"{metrics[key]:.4f} m", note))
+    if "ate_m" in metrics:
+        found.append(
+            Card("Trajectory error (ATE)", f"{metrics['ate_m']:.4f} m", "RMS after alignment")
+        )
+    else:
+        shown = f"{metrics['position_rmse_3d_m']:.4f} m"
+        found.append(Card("Position error", shown, "RMS as it stands"))
     if "rpe_frame_m" in metrics:
         found.append(
             Card("Relative error (RPE)", f"{metrics['rpe_frame_m']:.4f} m", "RMS, pose to pose")

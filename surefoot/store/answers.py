@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import datetime
 import json
 from decimal import Decimal
 from pathlib import Path
@@ -18,6 +17,7 @@ from .query import Answer
 
 WIDEST = 48  # letters of a cell on the terminal
 MOST_BARS = 60
+LARGEST = 1e100  # ours: of a drawn number; Matplotlib fails near the end of the floats
 ENDINGS = (".svg", ".png")
 
 
@@ -90,6 +90,10 @@ def draw(answer: Answer, x: str, y: str, path: Path) -> None:
     ]
     if not pairs or not all(isinstance(value, (int, float)) for _, value in pairs):
         raise InputError(f"column {y!r} holds no numbers; give --plot X Y FILE")
+    numbers = [one for pair in pairs for one in pair if isinstance(one, (int, float))]
+    large = [one for one in numbers if abs(one) > LARGEST]
+    if large:
+        raise InputError(f"{large[0]:g} is too large to be drawn; leave it out with WHERE")
     across, up = [one for one, _ in pairs], [one for _, one in pairs]
     with style.styled():
         figure, axes = style.sheet(height_in=3.4)
@@ -107,12 +111,14 @@ def draw(answer: Answer, x: str, y: str, path: Path) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """A value of the database as one of JSON."""
+    """A value of the database as one of JSON; dates, UUIDs and the like as text."""
+    if isinstance(value, dict):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(one) for one in value]
     if isinstance(value, Decimal):
         return float(value)
-    if isinstance(value, (datetime.date, datetime.time, datetime.timedelta, bytes)):
-        return str(value)
-    return value
+    return value if value is None or isinstance(value, (bool, int, float, str)) else str(value)
 
 
 def _shown(value: Any) -> str:

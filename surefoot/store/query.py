@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,10 +19,13 @@ from .collection import Say, Source, opened, relation
 from .examples import EXAMPLES
 from .schema import TABLES, describe
 
+MOST_ROWS = 1_000_000  # ours: of an answer; they are held in memory, about 1 GB with ten columns
+MEMORY = "2GB"  # ours: of the database
+
 
 @dataclass(frozen=True)
 class Answer:
-    """Names of the columns, and rows."""
+    """Names of the columns, each another, and rows."""
 
     columns: tuple[str, ...]
     rows: list[tuple[Any, ...]]
@@ -52,6 +57,8 @@ class Asker:
         folders = [folder for _, source in sources for folder in source.folders]
         allowed = ", ".join(parquet.quoted(f"{folder}/") for folder in folders)
         self._database.execute(f"SET allowed_directories = [{allowed}]")
+        self._database.execute(f"SET memory_limit = '{MEMORY}'")
+        self._database.execute("SET temp_directory = ''")  # nothing is written
         self._database.execute("SET enable_external_access = false")
         self._database.execute("SET lock_configuration = true")
 
@@ -63,25 +70,57 @@ class Asker:
             values: For its parameters `?`.
 
         Raises:
-            InputError: The question is not one SELECT, or is wrong; the message lists the tables.
+            InputError: The question is not one SELECT, or is wrong (the message lists the tables), or asks for too much.
         """
         sql = EXAMPLES[question].sql if question in EXAMPLES else question
         try:
             statements = self._database.extract_statements(sql)
             if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
                 raise InputError("a question is one SELECT; the tables cannot be changed")
-            found = self._database.execute(sql, list(values))
-            columns = tuple(str(one[0]) for one in found.description or ())
-            return Answer(columns, found.fetchall())
+            answer = self._interruptible(sql, values)
+        except (duckdb.OutOfMemoryException, MemoryError) as error:
+            raise InputError(
+                f"the question needs more than {MEMORY} of memory; add LIMIT, choose fewer columns, or ask fewer runs"
+            ) from error
         except duckdb.Error as error:
             raise InputError(
                 f"{error}\ntables and columns:\n{describe()}\n"
                 f"or the name of an example: {', '.join(EXAMPLES)}"
             ) from error
+        if len(answer.rows) > MOST_ROWS:
+            raise InputError(
+                f"the answer has more than {MOST_ROWS} rows; add LIMIT, or ask for sums and means (GROUP BY)"
+            )
+        return answer
+
+    def _interruptible(self, sql: str, values: Sequence[Any]) -> Answer:
+        """Execute in a thread: Ctrl-C does not reach Python inside of DuckDB."""
+        with ThreadPoolExecutor(1) as pool:
+            running = pool.submit(self._executed, sql, values)
+            try:
+                return running.result()
+            finally:
+                while not running.done():
+                    self._database.interrupt()
+                    wait([running], 0.05)
+
+    def _executed(self, sql: str, values: Sequence[Any]) -> Answer:
+        found = self._database.execute(sql, list(values))
+        columns = _numbered([str(one[0]) for one in found.description or ()])
+        return Answer(columns, found.fetchmany(MOST_ROWS + 1))
 
     def close(self) -> None:
         """Close the database."""
         self._database.close()
+
+
+def _numbered(names: Sequence[str]) -> tuple[str, ...]:
+    """The names, each another: x, x_1, x_2, as DuckDB names them in a view."""
+    found: list[str] = []
+    for name in names:
+        rest = (f"{name}_{number}" for number in itertools.count(1))
+        found.append(next(one for one in itertools.chain([name], rest) if one not in found))
+    return tuple(found)
 
 
 @contextlib.contextmanager

@@ -39,7 +39,7 @@ def metrics_row(run: RunFolder) -> dict[str, Any]:
         "path_m": metrics.get("path_m"),
         "position_rmse_m": metrics.get("position_rmse_m"),
         "heading_rmse_deg": metrics.get("heading_rmse_deg"),
-        "ate_m": metrics.get("ate_aligned_m"),
+        "ate_m": metrics.get("ate_m"),
         "rpe_1s_m": metrics.get("rpe_1s_m"),
         "pose_nees": _by_dof(metrics, "pose_anees", float(metrics.get("pose_dof", 3))),
         "landmark_nis": _by_dof(metrics, "landmark_anis", LANDMARK_DOF),

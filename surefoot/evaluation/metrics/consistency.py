@@ -13,11 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import chdtri
 
-from perception.filtering.consistency import calibration
-
-BAND = 0.95
+from perception.filtering.consistency import band, calibration
 
 
 def whitened(
@@ -45,28 +42,8 @@ def whitened(
 
 
 def squared(whitened: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n"]:
-    """NEES (or NIS) of each sample, e^T P^-1 e, from whitened errors."""
+    """NEES (or NIS) of each sample, e^T P^-1 e, from whitened errors; infinite without a positive definite P."""
     return np.asarray(np.sum(np.square(whitened), axis=1))
-
-
-def nees(
-    errors: Float[np.ndarray, "n k"], covariances: Float[np.ndarray, "n k k"]
-) -> Float[np.ndarray, "n"]:
-    """NEES of each sample, e^T P^-1 e; infinite where P is not positive definite."""
-    return squared(whitened(errors, covariances))
-
-
-def band(dof: int, samples: float = 1.0, share: float = BAND) -> tuple[float, float]:
-    """Two-sided interval of the mean of independent NEES values.
-
-    Args:
-        dof: Degrees of freedom of one sample.
-        samples: Number of samples; need not be an integer.
-        share: Probability of the interval.
-    """
-    tail = (1.0 - share) / 2.0
-    low, high = chdtri(dof * samples, 1.0 - tail), chdtri(dof * samples, tail)
-    return float(low / samples), float(high / samples)
 
 
 def effective_samples(whitened: Float[np.ndarray, "n k"]) -> float:

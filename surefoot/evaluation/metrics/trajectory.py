@@ -107,7 +107,7 @@ def rms(values: Float[np.ndarray, "*n"]) -> float:
 def distances(
     estimate: Float[np.ndarray, "n d"], reference: Float[np.ndarray, "n d"]
 ) -> Float[np.ndarray, "n"]:
-    """Distance of each pair of points, m; their RMS is the ATE."""
+    """Distance of each pair of points, m; their RMS after alignment is the ATE."""
     return np.asarray(np.linalg.norm(estimate - reference, axis=1))
 
 
@@ -172,9 +172,9 @@ def trajectory_metrics(
 
     Returns:
         Without alignment: position_rmse_m, position_max_m, heading_rmse_deg and heading_max_deg in the
-        horizontal plane, ate_m in space. After rigid alignment: ate_aligned_m (also with _mean, _median, _std,
-        _min, _max before the unit, and ate_aligned_sse_m2), ate_aligned_deg (rotation). After alignment with
-        scale: ate_scaled_m, scale. After planar alignment: ate_floor_aligned_m. Relative errors over one
+        horizontal plane, position_rmse_3d_m in space. After rigid alignment: ate_m (also with _mean, _median, _std,
+        _min, _max before the unit, and ate_sse_m2), ate_deg (rotation). After alignment with scale: ate_scaled_m,
+        scale. After planar alignment: ate_floor_m. Relative errors over one
         second: rpe_1s_m, rpe_1s_deg. Number of pairs: matched_poses. A figure whose alignment is not
         determined is absent.
     """
@@ -190,12 +190,12 @@ def trajectory_metrics(
         "position_max_m": float(np.max(distances(p[:, :2], q[:, :2]))),
         "heading_rmse_deg": float(np.degrees(rms(yaw_errors))),
         "heading_max_deg": float(np.degrees(np.max(np.abs(yaw_errors)))),
-        "ate_m": rms(distances(p, q)),
+        "position_rmse_3d_m": rms(distances(p, q)),
     }
     for name, d, scaled in (
-        ("ate_aligned_m", 3, False),
+        ("ate_m", 3, False),
         ("ate_scaled_m", 3, True),
-        ("ate_floor_aligned_m", 2, False),
+        ("ate_floor_m", 2, False),
     ):
         alignment = align(p[:, :d], q[:, :d], scaled)
         if alignment is None:
@@ -210,7 +210,7 @@ def trajectory_metrics(
                 estimate.quats_xyzw
             )
             apart = (Rotation.from_quat(reference.quats_xyzw).inv() * turned).magnitude()
-            figures["ate_aligned_deg"] = float(np.degrees(rms(np.asarray(apart))))
+            figures["ate_deg"] = float(np.degrees(rms(np.asarray(apart))))
     pairs = pairs_apart(estimate.stamps, 1.0)
     if len(pairs[0]):
         lengths, angles = relative_errors(estimate, reference, pairs)
@@ -221,10 +221,10 @@ def trajectory_metrics(
 def _spread_of(lengths: Float[np.ndarray, "n"]) -> dict[str, float]:
     """The other statistics that evo prints."""
     return {
-        "ate_aligned_mean_m": float(np.mean(lengths)),
-        "ate_aligned_median_m": float(np.median(lengths)),
-        "ate_aligned_std_m": float(np.std(lengths)),
-        "ate_aligned_min_m": float(np.min(lengths)),
-        "ate_aligned_max_m": float(np.max(lengths)),
-        "ate_aligned_sse_m2": float(np.sum(np.square(lengths))),
+        "ate_mean_m": float(np.mean(lengths)),
+        "ate_median_m": float(np.median(lengths)),
+        "ate_std_m": float(np.std(lengths)),
+        "ate_min_m": float(np.min(lengths)),
+        "ate_max_m": float(np.max(lengths)),
+        "ate_sse_m2": float(np.sum(np.square(lengths))),
     }

@@ -32,13 +32,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from mapping.io import geotiff, world_file
+from perception.filtering.consistency import band
 from sim.scene import Scene
 from sim.scenes import catalogue
 
 from ...config.presets import on_body
 from ...config.schema import Config
 from ...evaluation.evaluate import pose_errors
-from ...evaluation.metrics.consistency import band, consistency_metrics, squared
+from ...evaluation.metrics.consistency import consistency_metrics, squared
 from ...evaluation.metrics.contacts import contact_metrics, walk_metrics
 from ...evaluation.metrics.trajectory import trajectory_metrics
 from ...report.plots.rooms import rooms

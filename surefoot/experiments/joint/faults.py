@@ -17,13 +17,14 @@ from functools import partial
 
 import numpy as np
 
+from perception.filtering.consistency import band
 from perception.monitoring.status import LOST, NOTE
 from sim.faults.injection import KINDS, FaultConfig
 
 from ...config.presets import on_body
 from ...config.schema import Config
 from ...evaluation.evaluate import pose_errors
-from ...evaluation.metrics.consistency import band, squared
+from ...evaluation.metrics.consistency import squared
 from ...results.run_folder import RunFolder
 from ...results.status_log import BEGINS, ENDS, STATUS
 from ..support.experiment import Experiment, Outcome, Say, Target

@@ -11,11 +11,11 @@ from functools import partial
 
 import numpy as np
 
+from perception.filtering.consistency import band
 from planning.planners.mission import MissionConfig
 
 from ...config.presets import on_body
 from ...config.schema import Config
-from ...evaluation.metrics.consistency import band
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.walks import column, walk_all, walk_figures
 

@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from perception.filtering.consistency import band
 from perception.primitives.errors import InputError
 from planning.planners.mission import MissionConfig
 from sim.robot_config import RobotConfig
@@ -19,7 +20,6 @@ from sim.robots import catalogue, installed
 
 from ...config.presets import fitted
 from ...config.schema import Config
-from ...evaluation.metrics.consistency import band
 from ...results.run_folder import RunFolder
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.walks import column, walk_all

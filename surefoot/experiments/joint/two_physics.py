@@ -21,6 +21,7 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
+from perception.filtering.consistency import band
 from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose2
 from planning.planners.mission import MissionConfig
@@ -28,7 +29,6 @@ from sim.body.dynamic import engines
 from sim.body.dynamic.physics import ENGINES
 
 from ...config.schema import Config
-from ...evaluation.metrics.consistency import band
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_all
 from ..support.walks import column, falls_and_contacts, walk_all, walk_figures

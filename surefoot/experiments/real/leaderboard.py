@@ -34,7 +34,7 @@ from perception.primitives.pose import Pose3
 
 from ...config.schema import Config
 from ...evaluation.metrics import calibration as scores
-from ...evaluation.metrics.consistency import nees, squared, whitened
+from ...evaluation.metrics.consistency import squared, whitened
 from ...evaluation.metrics.gauge_alignment import errors_in_space
 from ...evaluation.metrics.trajectory import align, distances, rms
 from ...results.camera_trajectory import aligned_covariances
@@ -99,7 +99,7 @@ class Track:
         rotations = Rotation.from_quat(mine.quats_xyzw).as_matrix()
         left = aligned_covariances(mine.positions, shared[placed])
         left = left + view_error_covariances(mine.positions, rotations, self.of_view).aligned
-        return float(np.mean(nees(errors_in_space(mine, theirs), left))) / 6.0
+        return float(np.mean(squared(whitened(errors_in_space(mine, theirs), left)))) / 6.0
 
     def steps(self) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"]]:
         """Errors of the motions from frame to frame, start axes, and their claimed covariances (NaN without)."""
@@ -247,7 +247,7 @@ def row(recording: str, method: str, track: Track | None) -> tuple[dict[str, flo
     known = np.isfinite(squared(whitened(errors, claims))) if track.claims else np.zeros(0, bool)
     if known.sum() < 4:
         return figures, line + WITHOUT
-    ratio = float(np.mean(nees(errors[known], claims[known]))) / 6.0
+    ratio = float(np.mean(squared(whitened(errors[known], claims[known])))) / 6.0
     whole = track.variance_ratio()
     sigmas = np.sqrt(np.diagonal(claims[known], axis1=1, axis2=2))[:, :3]
     figures |= {

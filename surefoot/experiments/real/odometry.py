@@ -26,7 +26,7 @@ from perception.primitives.errors import InputError
 from perception.primitives.frame import Depth, Frame
 from perception.primitives.pose import Pose3
 
-from ...evaluation.metrics.consistency import nees
+from ...evaluation.metrics.consistency import squared, whitened
 from ...evaluation.metrics.gauge_alignment import errors_in_space
 from ...evaluation.metrics.trajectory import align, distances, rms
 from ...recordings.open import open_recording
@@ -71,7 +71,7 @@ class TrajectoryResult:
             return float("nan")
         placed = np.isfinite(self.claimed).all(axis=(1, 2))
         pair = [_trajectory(poses, placed) for poses in (self.found, self.true)]
-        return float(nees(errors_in_space(*pair), self.claimed[placed]).mean()) / 6.0
+        return float(squared(whitened(errors_in_space(*pair), self.claimed[placed])).mean()) / 6.0
 
     @property
     def ate_m(self) -> float:

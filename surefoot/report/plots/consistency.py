@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from perception.filtering import consistency
 
 from ...evaluation.evaluate import pose_errors, true_trajectory
-from ...evaluation.metrics.consistency import band, effective_samples, squared
+from ...evaluation.metrics.consistency import effective_samples, squared
 from ...evaluation.metrics.floor import floor_errors
 from ...evaluation.metrics.innovations import autocorrelation, innovations
 from ...evaluation.metrics.obstacles import moving, track_errors
@@ -28,7 +28,7 @@ def nees_over_time(run: RunFolder) -> Drawn | None:
     if errors is None:
         return None
     stamps, values = errors[0], squared(errors[1])
-    low, high = band(3)
+    low, high = consistency.band(3)
     figure, axes = sheet(1, 1, 2.5)
     axes.axhspan(low, high, color=TARGET, alpha=0.12, lw=0, label="95 % band")
     axes.axhline(3.0, color=TARGET, linewidth=1.0, linestyle=(0, (5, 3)), label="expected mean")
@@ -75,7 +75,9 @@ def calibration(run: RunFolder) -> Drawn | None:
     means = [curve.mean / curve.degrees for curve in curves]
     rows = np.arange(len(curves))[::-1]
     for row, mean, colour, curve in zip(rows, means, SERIES, curves, strict=False):
-        low, high = (bound / curve.degrees for bound in band(curve.degrees, curve.samples))
+        low, high = (
+            bound / curve.degrees for bound in consistency.band(curve.degrees, curve.samples)
+        )
         text.plot([low, high], [row, row], color=FAINT, lw=6, solid_capstyle="butt")
         text.plot(mean, row, "o", color=colour)
     text.axvline(1.0, color=TARGET, linewidth=1.0, linestyle=(0, (5, 3)))

@@ -15,8 +15,15 @@ from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose3
 from perception.smoothing.factors import Motion, Placement
 from perception.smoothing.smoother import Solution
-from surefoot.evaluation.foreign_covariance import ALIGNED, GRAPH, GROWING, read_claims
-from surefoot.evaluation.foreign_trajectory import read_trajectory
+from surefoot.evaluation.foreign_covariance import (
+    ALIGNED,
+    GRAPH,
+    GROWING,
+    UNFIT,
+    WORDS,
+    read_claims,
+)
+from surefoot.evaluation.foreign_trajectory import read_trajectory, units_of
 from surefoot.evaluation.metrics.calibration import (
     IN_BAND,
     TOO_CAREFUL,
@@ -30,6 +37,7 @@ from surefoot.evaluation.metrics.calibration import (
 from surefoot.evaluation.metrics.trajectory import align
 from surefoot.evaluation.referee import judge_files
 from surefoot.offline.g2o import write_g2o
+from surefoot.report.referee_page import lines
 
 UPPER = np.triu_indices(6)
 ELSEWHERE = Pose3.from_rotation(
@@ -228,7 +236,7 @@ def test_tum_kitti_and_euroc_files_of_one_trajectory_give_one_verdict(tmp_path):
         judge_files(tmp_path / "euroc.csv", tmp_path / "full.csv", late).metrics,
     ]
     assert [one["format"] for one in judged] == ["TUM", "KITTI", "EuRoC"]
-    for name in ("ate_m", "ate_aligned_m", "rpe_frame_m", "rpe_frame_deg", "pose_anees"):
+    for name in ("position_rmse_3d_m", "ate_m", "rpe_frame_m", "rpe_frame_deg", "pose_anees"):
         assert judged[1][name] == pytest.approx(judged[0][name], rel=1e-6)
         assert judged[2][name] == pytest.approx(judged[0][name], rel=1e-6)
 
@@ -240,7 +248,7 @@ def test_relative_errors_from_pose_to_pose_are_those_of_the_evo_package(recordin
     ).metrics
     # evo 1.38.1: evo_rpe and evo_ape tum, RMSE as printed by default and with -r angle_deg
     expected = {"rpe_frame_m": 0.005764370848928, "rpe_frame_deg": 0.3536131610448}
-    expected |= {"ate_m": 0.020079418378507, "matched_poses": 785}
+    expected |= {"position_rmse_3d_m": 0.020079418378507, "matched_poses": 785}
     assert {name: found[name] for name in expected} == pytest.approx(expected, rel=1e-9)
     assert found["note"] == "no covariances given: accuracy only"
 
@@ -262,6 +270,13 @@ def test_covariances_of_a_run_of_our_own_are_taken_as_those_after_alignment(tmp_
     [
         ("1 2 3\n", r"line 1: 3 numbers; expected 8 \(TUM"),
         ("a picture\n", "holds no poses"),
+        ("words\nmore words\n0 0 0 0 0 0 0 1\n", "line 2: no numbers; expected 8"),
+        ("0 0 0 x 0 0 0 1\n1 0 0 0 0 0 0 1\n", "line 1: no numbers; expected 8"),
+        (
+            "0 0 0 0 0 0 0 1\n5e6 0 0 0 0 0 0 1\n",
+            r"5e\+06 apart \(median\) may be in us or ns; give",
+        ),
+        ("0 0 0 0 0 0 0 1\n1e12 0 0 0 0 0 0 1\n", "are in none of s, ms, us, ns; give"),
         ("0 0 0 0 0 0 0 1\n1 0 0 0 0 0 1\n", "line 2: .* is not a pose; expected 8"),
         ("0 0 0 0 1 1 0 1\n", r"length 1.732, not 1; read as TUM \(qx qy qz qw"),
         ("2 0 0 0 0 2 0 0 0 0 2 0\n", "no rotation; 12 numbers were read as KITTI"),
@@ -286,8 +301,10 @@ def test_files_that_hold_no_trajectory_are_refused_with_the_reason(tmp_path, tex
             "covers 0.000 to 20.000 s, the trajectory 100.000",
         ),
         ("", "holds no covariances"),
+        ("inf,0,0,1,0,1\n" * 21, "covariance 0 .* not finite, symmetric and positive"),
     ],
 )
+@pytest.mark.filterwarnings("error")
 def test_covariances_that_do_not_belong_are_refused_with_the_reason(tmp_path, text, message):
     found, _, _ = Walk(0, n=20).write(tmp_path)
     (tmp_path / "bad.csv").write_text(text)
@@ -325,6 +342,90 @@ def test_a_truth_of_a_rotated_body_is_refused(tmp_path):
     body = tum(tmp_path / "body.txt", np.arange(30), [pose @ mount for pose in poses])
     with pytest.raises(InputError, match=r"rotated by 90 deg against"):
         judge_files(found, tmp_path / "cov.csv", body)
+
+
+@pytest.mark.parametrize("start_s", [1.4e9, 1000.0])
+@pytest.mark.parametrize(("unit", "factor"), [("s", 1), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_stamps_of_every_unit_are_read_as_seconds(tmp_path, start_s, unit, factor):
+    walk = Walk(0, n=20)
+    walk.stamps += start_s - 100.0
+    _, _, truth = walk.write(tmp_path)
+    found = tum(tmp_path / "other.txt", np.round(walk.stamps * factor), walk.found)
+    if unit == "s":
+        found = tum(tmp_path / "other.txt", walk.stamps, walk.found)
+    np.testing.assert_allclose(read_trajectory(found).poses.stamps, walk.stamps, atol=1e-6)
+    assert judge_files(found, None, truth).metrics["matched_poses"] == 21
+    late = tum(tmp_path / "late.txt", np.round((walk.stamps + 0.03) * 1e6), walk.true)
+    with pytest.raises(InputError, match=r"has no stamp within 0\.01 s"):
+        judge_files(found, None, late)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "units"),
+    [
+        (np.arange(9.0), ["s"]),  # numbers of frames
+        (np.arange(9) * 33.0, ["ms"]),
+        (1.4e9 + np.arange(9) * 60.0, ["s"]),  # a point each minute
+        (1e12 + np.arange(9) * 1e8, ["ns"]),  # 1000 s of a simulation
+        (1e12 + np.arange(9) * 5e6, ["us", "ns"]),
+        (np.arange(9) * 2e3, ["ms", "us"]),
+        (np.full(9, 1.4e18), ["ns"]),
+    ],
+)
+def test_the_unit_of_stamps_follows_from_size_and_spacing(stamps, units):
+    assert units_of(stamps) == units
+
+
+def test_a_byte_order_mark_costs_no_pose(tmp_path):
+    found, _, _ = Walk(0, n=20).write(tmp_path)
+    marked = tmp_path / "marked.txt"
+    marked.write_bytes(b"\xef\xbb\xbf" + found.read_bytes())
+    assert read_trajectory(marked).lines == 21
+
+
+def test_poses_that_are_not_compared_are_counted_with_the_reason(tmp_path):
+    walk = Walk(0, n=20)
+    _, _, truth = walk.write(tmp_path)
+    stamps = walk.stamps.copy()
+    stamps[3], stamps[7:9] = stamps[2], 1.0
+    found = tum(tmp_path / "some.txt", stamps, walk.found)
+    metrics = judge_files(found, None, truth).metrics
+    assert (metrics["matched_poses"], metrics["poses"]) == (18, 21)
+    reason = "2 have the stamp of another pose, 1 have no true pose of their own within 0.01 s"
+    assert metrics["left_out"] == reason
+    assert f"18 of 21 poses compared (TUM against TUM): {reason}" in lines(metrics)
+    assert "left_out" not in judge_files(truth, None, truth).metrics
+    one = tum(tmp_path / "one.txt", np.full(21, walk.stamps[0]), walk.found)
+    with pytest.raises(
+        InputError, match=r"only 1 of the 21 poses .*20 have the stamp.* at least 5"
+    ):
+        judge_files(one, None, truth)
+
+
+def test_claims_that_grow_but_cannot_be_accumulated_are_judged_as_independent(tmp_path):
+    rng = np.random.default_rng(0)
+    n = 200
+    angles = 0.02 * np.arange(n)
+    true = [
+        Pose3.from_rotation(
+            Rotation.from_euler("z", a).as_matrix(), np.array([5 * np.cos(a), 5 * np.sin(a), 0.0])
+        )
+        for a in angles
+    ]
+    sigmas = np.sqrt(1e-12 + 9e-6 * np.arange(n))  # of metres and radians alike
+    off = []
+    for pose, sigma in zip(true, sigmas, strict=True):
+        e = sigma * rng.normal(size=6)
+        turned = Rotation.from_rotvec(e[3:]).as_matrix() @ pose.rotation
+        off.append(Pose3.from_rotation(turned, pose.position + e[:3]))
+    rows = [(sigma**2 * np.eye(6)).ravel() for sigma in sigmas]
+    np.savetxt(tmp_path / "c.csv", rows, delimiter=",", fmt="%.17g")
+    truth = tum(tmp_path / "t.txt", np.arange(n), true)
+    found = tum(tmp_path / "f.txt", np.arange(n), off)
+    metrics = judge_files(found, tmp_path / "c.csv", truth).metrics
+    assert metrics["covariances"] == WORDS[UNFIT]
+    assert metrics["verdict"] == IN_BAND
+    assert metrics["poses_judged"] >= n - 1
 
 
 def test_poses_without_stamps_need_as_many_true_poses(tmp_path):

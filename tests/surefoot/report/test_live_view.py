@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import http.client
 import json
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -21,6 +23,7 @@ from surefoot.cli import run_verbs
 from surefoot.cli.main import main
 from surefoot.config.load import load
 from surefoot.report import live_view
+from surefoot.report.live_server import LiveServer
 from surefoot.report.live_view import LivePage
 from surefoot.results.moment import Moment
 from surefoot.results.moments import MomentWriter, read_moments
@@ -302,6 +305,10 @@ def test_a_run_whose_writer_was_killed_is_shown_to_its_last_whole_part(page, wal
         "[",
         "a@localhost",
         "localhost@a:1",
+        "localhost:80@evil.example",
+        "localhost:",
+        "localhost:80:80",
+        "localhost, evil.example",
     ],
 )
 def test_a_name_that_was_bound_to_this_machine_gets_no_answer(page, host):
@@ -309,6 +316,40 @@ def test_a_name_that_was_bound_to_this_machine_gets_no_answer(page, host):
     assert ask(page, "/moments?from=0", Host=host)[0] == 403
     assert ask(page, "/walk", {"paused": True}, Host=host)[0] == 403
     assert not news(page, 0)[0]["paused"]
+
+
+def test_a_request_with_two_names_gets_no_answer(page):
+    connection = http.client.HTTPConnection("127.0.0.1", int(page.address.split(":")[2].strip("/")))
+    connection.putrequest("GET", "/", skip_host=True)
+    for host in ("localhost", "evil.example"):
+        connection.putheader("Host", host)
+    connection.endheaders()
+    assert connection.getresponse().status == 403
+
+
+def test_many_connections_wait_for_an_answer():
+    server = LiveServer("", lambda number: b"", lambda values: None, port=0)  # accepts none yet
+    address = ("127.0.0.1", server.server_port)
+    with contextlib.ExitStack() as stack:
+        stack.callback(server.server_close)
+        for _ in range(100):
+            stack.enter_context(socket.create_connection(address, timeout=5.0))
+
+
+@pytest.mark.parametrize("error", [OSError("the disk is gone"), ValueError("nan")])
+def test_a_page_says_why_its_moments_ended(page, walk, monkeypatch, error):
+    def fails(entries: live_view.Entries, moment: Moment) -> None:
+        raise error
+
+    monkeypatch.setattr(live_view.Entries, "of", fails)
+    page.follow(walk)
+    state = {"over": False}
+    for _ in range(500):
+        if state["over"]:
+            break
+        state, _ = news(page, 0)
+    assert state["over"]
+    assert state["error"] == f"unexpected {type(error).__name__}: {error}"
 
 
 @pytest.mark.parametrize("host", ["localhost:9000", "127.0.0.1:8080", "localhost"])
@@ -338,6 +379,19 @@ def test_a_walk_does_not_wait_for_a_page_that_is_closed(page, walk):
     thread = walked(page, walk)
     thread.join(20.0)  # no page ever asked for news
     assert not thread.is_alive()
+
+
+def test_a_closed_page_leaves_no_thread(walk):
+    before = set(threading.enumerate())
+    page = LivePage()
+    page.watch(walk)
+    page.show(
+        next(iter(read_moments(walk))), lambda: False
+    )  # and the walk never says that it is over
+    page.close()
+    for thread in set(threading.enumerate()) - before:
+        thread.join(5.0)
+    assert set(threading.enumerate()) <= before
 
 
 def test_a_stopped_walk_does_not_wait(page, walk):

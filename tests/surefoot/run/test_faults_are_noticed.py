@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from perception.filtering.consistency import nees
+from perception.filtering.consistency import band, nees
 from perception.monitoring.status import STAND, Doubt
 from sim.faults.injection import FaultConfig, FaultInjector
 from surefoot.config.schema import Config
-from surefoot.evaluation.metrics.consistency import band
 from surefoot.experiments.joint.faults import NAMED, NOTICED_S
 from surefoot.recordings.codec import decode, encode
 from surefoot.recordings.mcap_format import McapRecording

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 
 import pytest
 from click.testing import CliRunner
 
 from perception.primitives.errors import InputError
 from surefoot.cli.main import main
+from surefoot.cli.terminal import INTERRUPTED
+from surefoot.store import query
 from surefoot.store.examples import EXAMPLES
 from surefoot.store.query import asker
 from surefoot.store.run_tables import write_run_tables
@@ -125,3 +132,72 @@ def test_a_column_is_drawn_over_another(many, tmp_path):
         ("seed", "ate_m", "a.txt"),
     ):
         assert surefoot(question, many, "--plot", x, y, tmp_path / file).exit_code == 2
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_ctrl_c_ends_a_question_that_computes(many):
+    endless = "SELECT count(*) FROM range(1000000000000) a, range(1000) b"
+    words = [sys.executable, "-m", "surefoot", "query", endless, str(many / "walk-0")]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as asked:
+        try:
+            while used_s(asked.pid) < 3.0:  # it computes, with all threads of DuckDB
+                assert asked.poll() is None
+                time.sleep(0.05)
+            asked.send_signal(signal.SIGINT)
+            _, said = asked.communicate(timeout=20.0)
+        finally:
+            asked.kill()
+    assert asked.returncode == INTERRUPTED
+    assert "Traceback" not in said
+
+
+def used_s(process: int) -> float:
+    """Time of the processor that a process has used."""
+    with open(f"/proc/{process}/stat", encoding="ascii") as file:
+        fields = file.read().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@pytest.mark.parametrize("question", ["SELECT * FROM range(11)", "SELECT i FROM range(10000000000) t(i)"])  # fmt: skip
+def test_an_answer_with_too_many_rows_is_refused(many, monkeypatch, question):
+    monkeypatch.setattr(query, "MOST_ROWS", 10)
+    with asker([many / "walk-0"], print) as tables:
+        assert len(tables.ask("SELECT * FROM range(10)").rows) == 10
+        with pytest.raises(InputError, match="more than 10 rows; add LIMIT"):
+            tables.ask(question)
+
+
+def test_a_question_that_needs_too_much_memory_is_refused(many, monkeypatch, tmp_path):
+    monkeypatch.setattr(query, "MEMORY", "50MB")
+    monkeypatch.chdir(tmp_path)
+    with (
+        asker([many / "walk-0"], print) as tables,
+        pytest.raises(InputError, match="needs more than 50MB of memory; add LIMIT") as refused,
+    ):
+        tables.ask("SELECT i FROM range(100000000) t(i) ORDER BY hash(i)")
+    assert "tables and columns" not in str(refused.value)
+    assert list(tmp_path.iterdir()) == []  # nothing is spilled
+
+
+def test_values_of_every_kind_become_json(many):
+    done = surefoot(
+        "SELECT '11111111-2222-3333-4444-555555555555'::UUID AS u, [u] AS l, {'d': DATE '2020-01-02', 'n': 1.5} AS s, "
+        "'nan'::DOUBLE AS x, true AS t",
+        many / "walk-0",
+        "--json",
+    )
+    u = "11111111-2222-3333-4444-555555555555"
+    expected = {"u": u, "l": [u], "s": {"d": "2020-01-02", "n": 1.5}, "x": None, "t": True}
+    assert json.loads(done.stdout) == [expected]
+
+
+def test_columns_of_one_name_are_numbered(many):
+    done = surefoot("SELECT 1 AS x, 2 AS x, 3 AS y, 4 AS x", many / "walk-0", "--json")
+    assert json.loads(done.stdout) == [{"x": 1, "x_1": 2, "y": 3, "x_2": 4}]
+
+
+def test_numbers_that_are_too_large_to_be_drawn_are_named(many, tmp_path):
+    for value in ("1e308", "-1e308", "'inf'::DOUBLE"):
+        done = surefoot(f"SELECT 1 AS x, {value} AS y", many / "walk-0", "--plot", "x", "y", tmp_path / "p.svg")  # fmt: skip
+        assert done.exit_code == 2
+        assert "too large to be drawn; leave it out with WHERE" in done.stderr

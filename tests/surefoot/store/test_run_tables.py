@@ -15,10 +15,14 @@ import duckdb
 import numpy as np
 import pytest
 
+from surefoot.batch.job import PROCESS, Job
+from surefoot.batch.work import figures_of
 from surefoot.results.run_folder import RunFolder
 from surefoot.store.run_metrics import metrics_row
 from surefoot.store.run_tables import write_run_tables
 from surefoot.store.schema import COMMIT, PLANE, POSE, TABLES
+
+from .make_runs import make_run
 
 
 def asked(run, sql):
@@ -140,3 +144,12 @@ def test_the_page_of_outputs_lists_every_column():
     listed = dict(re.findall(r"^\| `(\w+)` \| [^|]+ \| (.*) \|$", page, re.MULTILINE))
     for name, columns in TABLES.items():
         assert [one.name for one in columns if f"`{one.name}`" not in listed[name]] == []
+
+
+def test_the_ate_of_tables_and_batches_is_that_of_the_metrics(tmp_path):
+    run = make_run(tmp_path / "walk")
+    run.write_json("metrics.json", {"position_rmse_m": 0.05, "position_rmse_3d_m": 0.06, "ate_m": 0.01})  # fmt: skip
+    row = metrics_row(run)
+    batch = figures_of(Job("walk", PROCESS, "", str(run.root)))
+    assert (row["ate_m"], row["position_rmse_m"]) == (0.01, 0.05)
+    assert (batch["ate_m"], batch["position_rmse_m"]) == (0.01, 0.05)
