@@ -101,6 +101,7 @@ def test_edges_lie_at_the_corners(three):
 
 def test_gaps_are_the_free_widths(three):
     boxes, seen = three
+    assert [(gap.left, gap.right) for gap in seen.gaps] == [(None, 0), (0, 1), (1, 2), (2, None)]
     for k, gap in enumerate(seen.gaps[1:-1]):
         left, right = boxes[k], boxes[k + 1]
         free = left.centre[1] - left.size[1] / 2 - right.centre[1] - right.size[1] / 2
