@@ -72,7 +72,7 @@ class ChangedObject:
         position: Its middle, m.
         covariance: Of the position, m^2; the unseen far side included.
         size: Length, width and height of its top above the floor, m.
-        low: Height of its lowest voxel, m.
+        low: Height of its underside above the floor, m.
         probability: That this space changed from filled to free.
         voxels: Number of them.
     """
@@ -259,12 +259,13 @@ def _object(
     """The object that some voxels form; None if they are too few or an edge only."""
     if len(points) < LEAST_VOXELS:
         return None
-    centre, (width, depth), _ = rectangle = cv2.minAreaRect(points[:, :2].astype(np.float32))
-    length, width = max(width, depth) + VOXEL_M, min(width, depth) + VOXEL_M
-    low, top = float(points[:, 2].min()), float(points[:, 2].max()) + VOXEL_M / 2
+    centre, between, turn = cv2.minAreaRect(points[:, :2].astype(np.float32))
+    whole = between[0] + VOXEL_M, between[1] + VOXEL_M  # voxels go half a side beyond their points
+    length, width = max(whole), min(whole)
+    low, top = float(points[:, 2].min()) - VOXEL_M / 2, float(points[:, 2].max()) + VOXEL_M / 2
     if sorted((length, width, top - low))[1] < LEAST_SIDE_M:
         return None
-    corners = _counter_clockwise(cv2.boxPoints(rectangle).astype(np.float64))
+    corners = _counter_clockwise(cv2.boxPoints((centre, whole, turn)).astype(np.float64))
     spread = math.hypot(sigma_m, VOXEL_M)
     along = corners[1] - corners[0]
     along = along / max(float(np.linalg.norm(along)), 1e-9)

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from perception.primitives.gaussian import Gaussian
 
+from ..grid.heights import pose_form
 from ..grid.world_map import WorldMap
 from ..io.clouds import CloudBuilder, CloudConfig
 from ..io.nav2 import FREE_BELOW
@@ -54,10 +55,8 @@ class ObstacleCloud:
         """
         values = np.zeros((len(points), 4))
         values[:, :2] = sensor[:2]
-        if pose is not None:
-            P = pose.covariance
-            x, y = points[:, 0] - pose.mean[0], points[:, 1] - pose.mean[1]
-            values[:, 2] = 0.5 * (P[0, 0] + P[1, 1]) + P[2, 2] * (x * x + y * y)
+        places = np.column_stack([points[:, :2], np.ones(len(points))])
+        values[:, 2] = np.sum(places @ pose_form(pose) * places, axis=1)
         values[:, 3] = sigma_m**2
         self._obstacles.add(points, colours, values)
 

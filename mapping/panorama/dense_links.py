@@ -211,8 +211,10 @@ def _agree(there: Alignment, back: Alignment, bend: Float[np.ndarray, "6 6"]) ->
     off = np.concatenate(
         [round_trip.position, Rotation.from_matrix(round_trip.rotation).as_rotvec()]
     )
+    lever = np.eye(6)  # the first motion's rotation error turns what the second has come back
+    lever[:3, 3:] = np.cross(there.motion.position, np.eye(3)).T
     turn = np.kron(np.eye(2), there.motion.rotation)
-    covariance = there.covariance + turn @ back.covariance @ turn.T + 2.0 * bend
+    covariance = lever @ there.covariance @ lever.T + turn @ back.covariance @ turn.T + 2.0 * bend
     return float(off @ np.linalg.solve(covariance, off)) <= BOTH_WAYS
 
 

@@ -123,8 +123,8 @@ class PanoramaGap:
     Args:
         left, right: Index in `Surroundings.obstacles` of the neighbour on that side; None at an end.
         left_rad, right_rad: Azimuths of its sides, left positive.
-        width_m: Expected passable width, along y; always positive.
-        sigma_width_m: Its standard deviation, with the doubt of hidden corners.
+        width_m: Expected passable width, along y; positive. NaN at an end: nothing that was listed bounds it.
+        sigma_width_m: Its standard deviation, with the doubt of hidden corners; NaN without a width.
         hidden_m: Width that hidden corners take away at most: without them the gap is `hidden_m / 3` wider than
             `width_m`. They never make it wider.
         corners_seen: How many of the two corners that bound it are seen, to within `SEEN_M`.
@@ -171,7 +171,7 @@ def gaps_between(
     The passable width is the lateral distance of the two edges, less the expected part of hidden corners. The
     printed width, `d (tan theta_L - tan theta_R)` with the larger d, agrees for neighbours at one distance and
     is too large for others, as it extends the nearer edge to the farther distance. At the ends it is `d (tan
-    end - tan edge)`.
+    end - tan edge)`, the width of the view and not of free space; ours is open there.
 
     Source: seed 004, eq. (20).
     """
@@ -185,16 +185,14 @@ def gaps_between(
         bounds = [o for o in (left, right) if o is not None]
         begin = ends_rad[0] if left is None else left.right_rad
         end = ends_rad[1] if right is None else right.left_rad
-        sides = [
-            (bounds[0].left_edge_m[0] * _tangent(begin), 0.0)
-            if left is None
-            else left.expected_edge(False),
-            (bounds[0].right_edge_m[0] * _tangent(end), 0.0)
-            if right is None
-            else right.expected_edge(True),
-        ]
-        width = sides[0][0] - sides[1][0]
-        if width <= 0.0:
+        if left is None or right is None:
+            width, sigma = math.nan, math.nan
+            free = begin > end
+        else:
+            sides = left.expected_edge(False), right.expected_edge(True)
+            width, sigma = sides[0][0] - sides[1][0], math.hypot(sides[0][1], sides[1][1])
+            free = width > 0.0
+        if not free:
             continue
         hidden = [] if left is None else [left.hidden_right_m]
         hidden += [] if right is None else [right.hidden_left_m]
@@ -204,16 +202,10 @@ def gaps_between(
             begin,
             end,
             width,
-            sigma_width_m=math.hypot(sides[0][1], sides[1][1]),
+            sigma_width_m=sigma,
             hidden_m=sum(hidden),
             corners_seen=sum(length <= SEEN_M for length in hidden),
             distance_m=max(o.distance_m for o in bounds),
         )
         found.append(gap)
     return tuple(found)
-
-
-def _tangent(angle_rad: float) -> float:
-    """Tangent, with the angle limited to 85 deg."""
-    limit = math.radians(85.0)
-    return math.tan(min(max(angle_rad, -limit), limit))

@@ -77,7 +77,7 @@ def outline_segments(
             continue
         front, _ = fronts(forward, drawing.sigma_m, mask)
         for columns in _runs(drawing, front, reach_m):
-            found.append(_segment(drawing, mask, number, front[columns], columns))
+            found.append(_segment(drawing, floor, mask, number, front[columns], columns))
     return found
 
 
@@ -164,6 +164,7 @@ def _across(
 
 def _segment(
     drawing: Drawing,
+    floor: Plane,
     mask: Bool[np.ndarray, "h w"],
     number: int,
     x: Float[np.ndarray, "n"],
@@ -173,9 +174,9 @@ def _segment(
     y = _across(drawing, columns, x)
     left, right = int(np.argmax(y)), int(np.argmin(y))
     rows, at = np.nonzero(mask[:, columns])
-    phi = drawing.sphere.top_rad - rows / drawing.sphere.px_per_rad
-    z = drawing.centre[2] + drawing.range_m[rows, columns[at]] * np.sin(phi)
-    height = max(float(np.percentile(z, 99.0)), 0.0)
+    place = rows, columns[at]
+    points = drawing.centre + drawing.sphere.rays[place] * drawing.range_m[place][:, None]
+    height = max(float(np.percentile(floor.distance(points), 99.0)), 0.0)
     azimuth = np.arctan2(y, x)
     column = 1.0 / drawing.sphere.px_per_rad
     return PanoramaObstacle(

@@ -197,8 +197,11 @@ def _measured(scene: _Scene, number: int, config: LevelConfig) -> PanoramaObstac
     width = max(y_left - y_right, 0.0)
     turn = _between(scene.placed, left.view, right.view, TURN_SIGMA_RAD)
     variance = (turn * distance) ** 2 + (width / distance * sigma_distance) ** 2
-    for end in (left, right):
-        variance += (end.sigma * (end.point[0] ** 2 + end.point[1] ** 2) / end.point[0]) ** 2
+    for end, sign in ((left, 1.0), (right, -1.0)):
+        x, y, _ = end.point
+        # On the side turned to straight ahead, a corner may protrude that only the outline shows, to half a column.
+        column = 0.5 / scene.drawing.sphere.px_per_rad if sign * y < 0.0 else 0.0
+        variance += (math.hypot(end.sigma, column) * (x**2 + y**2) / x) ** 2
     reach = math.hypot(*top.point[:2])
     height_sigma = math.hypot(top.sigma, reach * _tilt_sigma(scene.placed[top.view]), RANGE_SIGMA_M)
     slices = levels(np.where(mask, scene.forward_m, np.float32(np.nan)), config)[mask]

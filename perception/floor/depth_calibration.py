@@ -43,6 +43,9 @@ PRIOR_VIEWS = 1.0  # ours: the published size counts as much as one coefficient
 BINS_M = np.arange(0.2, 8.01, 0.2)
 RANGE_RATIO = 1.5  # ours: of the depths, below which the growth of noise is not told
 MAD = 1.4826  # of a Gaussian
+TRIMMED = 0.02  # ours: share of the largest residuals of a cell that are left out
+TRIMMED_RMS = 0.9346  # of the others of a unit Gaussian
+SHAPE = 0.03  # ours: relative error of a standard deviation by residuals in steps, which are no Gaussian
 LOOKS = (
     HAND_UP,
     np.array([0.0, 0.0, -1.0]),
@@ -116,7 +119,7 @@ class DepthCalibration:
             the depths differ too little.
         """
         sigma = np.array([one.sigma for one in self.noise])
-        error = np.array([max(one.error, 0.02 * one.sigma) for one in self.noise])
+        error = np.array([one.error for one in self.noise])
         z = [one.z for one in self.noise]
         spread = float(np.sqrt(1.0 / np.sum((sigma / error) ** 2)))
         if len(z) < 2 or max(z) < RANGE_RATIO * min(z):
@@ -190,8 +193,7 @@ class Calibrator:
                 continue
             r, inverse = rays[part], q[part]
             slope, *_ = np.linalg.lstsq(r, inverse, rcond=None)
-            rest = inverse - r @ slope
-            sigma = MAD * float(np.median(np.abs(rest - np.median(rest))))
+            sigma = _trimmed_rms(inverse - r @ slope)
             sigma *= math.sqrt(len(part) / (len(part) - 3))
             middle = float(np.mean(inverse))
             rows.append((*r.mean(axis=0)[:2], middle, sigma / math.sqrt(len(part))))
@@ -242,7 +244,8 @@ class Calibrator:
                 continue
             middle = float(np.median(sigma[inside]))
             spread = MAD * float(np.median(np.abs(sigma[inside] - middle)))
-            error = 1.25 * spread / math.sqrt(min(count, 400))  # cells of a static view repeat
+            own = 1.25 * spread / math.sqrt(min(count, 400))  # cells of a static view repeat
+            error = math.hypot(own, SHAPE * middle)
             found.append(
                 NoiseBin(
                     float(np.mean(z[inside])),
@@ -253,6 +256,12 @@ class Calibrator:
                 )
             )
         return tuple(found)
+
+
+def _trimmed_rms(rest: Float[np.ndarray, "n"]) -> float:
+    """Standard deviation without the largest residuals; unlike the median's, right where most depths are one step."""
+    kept = np.sort(np.abs(rest))[: round((1.0 - TRIMMED) * len(rest))]
+    return float(np.sqrt(np.mean(kept**2))) / TRIMMED_RMS
 
 
 class _Surface(NamedTuple):

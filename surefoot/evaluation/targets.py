@@ -33,7 +33,13 @@ class Target:
         mean = metrics.get(self.figure.replace("_consistent", "_anees"))
         if self.dof and mean is not None:
             dof = float(metrics.get(self.figure.replace("_consistent", "_dof"), self.dof))
-            above = mean > metrics[self.figure.replace("_consistent", "_anees_high")]
+            low, high, share = (
+                metrics.get(self.figure.replace("_consistent", name))
+                for name in ("_anees_low", "_anees_high", "_no_covariance_share")
+            )
+            if share and low <= mean <= high:
+                return f"{share:.2%} of the covariances are not positive definite"
+            above = mean > high
             return (
                 f"too {'sure' if above else 'careful'}: "
                 f"errors {math.sqrt(mean / dof):.2f} times the claimed ones"

@@ -44,7 +44,7 @@ LEAST_PLACED = 0.5  # ours: with fewer of the views in place, most of the surrou
 def build(
     gathered: Gathered, config: Config, rng: np.random.Generator
 ) -> tuple[Panorama, Placement, Surroundings]:
-    """Stitch the views and extract obstacles and gaps."""
+    """Stitch the views and extract obstacles and gaps; without a floor there is nothing to measure them from."""
     stitching = StitchConfig(moving=config.panorama.by_pictures, prior=gathered.prior)
     views = gathered.views
     placement = place(views, rng, stitching)
@@ -52,7 +52,8 @@ def build(
         placement = _levelled(gathered, placement, config)
     placed = placement.placed
     panorama = Panorama(placed, placement.links, render(views, placed, stitching.px_per_deg))
-    return panorama, placement, surroundings(panorama, views)
+    around = Surroundings((), ()) if gathered.floor is None else surroundings(panorama, views)
+    return panorama, placement, around
 
 
 def _levelled(gathered: Gathered, placement: Placement, config: Config) -> Placement:
@@ -77,8 +78,8 @@ def run_panorama(job: Job, say: Say) -> dict[str, Any]:
         say: Progress.
 
     Returns:
-        The content of `panorama.json`. Its entry `failed` says why a panorama of fewer than half of the views is none; it
-        is null otherwise.
+        The content of `panorama.json`. Its entry `failed` says why a panorama of fewer than half of the views is none, or
+        why obstacles are not known; it is null otherwise.
 
     Raises:
         RecordingError: No frame has depth and, unless pictures alone place the views, a pose.
@@ -165,7 +166,7 @@ def _content(
     return {
         "views": views,
         "placed_by": {one: by.count(one) for one in sorted(set(by))},
-        "failed": _failure(len(by), len(views)),
+        "failed": _failure(len(by), len(views), gathered.floor is not None),
         "left_out": gathered.left_out,
         "floor_seen": gathered.floor is not None,
         "floor": _floor(gathered.floor, panorama),
@@ -181,7 +182,7 @@ def panorama_lines(content: dict[str, Any]) -> list[str]:
     views, floor = content["views"], content["floor"]
     by = ", ".join(f"{count} by {name}" for name, count in content["placed_by"].items())
     height = (
-        "floor not seen (heights refer to the expected floor)"
+        "floor not found (heights refer to the expected floor)"
         if floor is None
         else f"first camera {floor['camera_height_m']:.2f} ± {floor['sigma_m']:.2f} m above the floor"
     )
@@ -204,11 +205,16 @@ def _with_frames(reason: str, frames: list[int]) -> str:
     return re.sub(r"\bview (\d+)", lambda found: f"frame {frames[int(found[1])]}", reason)
 
 
-def _failure(placed: int, views: int) -> str | None:
+def _failure(placed: int, views: int, floor_seen: bool) -> str | None:
     """Why the panorama has failed; None if it has not."""
-    if placed >= LEAST_PLACED * views:
-        return None
-    return f"only {placed} of {views} views could be placed, at least {LEAST_PLACED:.0%} are needed"
+    if placed < LEAST_PLACED * views:
+        return f"only {placed} of {views} views could be placed, at least {LEAST_PLACED:.0%} are needed"
+    if not floor_seen:
+        return (
+            "no floor was found, so obstacles and gaps are not known; let the views show it, and state which way is "
+            "up in the world of the poses (world.up)"
+        )
+    return None
 
 
 def _floor(floor: CommonFloor | None, panorama: Panorama) -> dict[str, Any] | None:

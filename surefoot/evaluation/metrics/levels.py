@@ -64,7 +64,7 @@ def _floors(
 ) -> dict[str, float]:
     rings = [np.array(one["outline_m"]) for one in pieces]
     tops = np.array([float(one["top_m"]) for one in pieces])
-    corners = np.concatenate([*rings, np.zeros((1, 2))])
+    corners = np.concatenate([*rings, np.zeros((1, 2)), T_world_body.vector[None, :2]])
     low, high = corners.min(axis=0) - 0.5, corners.max(axis=0) + 0.5
     shape = tuple(np.ceil((high - low) / CELL_M).astype(int)[::-1])
     truth = np.zeros(shape, np.float32)

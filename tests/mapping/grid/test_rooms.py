@@ -125,6 +125,7 @@ def test_unseen_space_is_no_room_and_specks_and_small_holes_part_none():
 def test_doubt_about_cells_widens_the_deviation_of_areas_and_widths():
     sure, doubtful = two_rooms(), two_rooms()
     doubtful.probability = np.clip(doubtful.probability, 0.25, 0.75)
+    assert len(sure.rooms().rooms) == 2
     for a, b in zip(sure.rooms().rooms, doubtful.rooms().rooms, strict=True):
         cells = a.area_m2 / CELL_M**2
         assert a.sigma_m2 == pytest.approx(math.sqrt(cells * 0.02 * 0.98) * CELL_M**2, rel=1e-3)
@@ -133,7 +134,9 @@ def test_doubt_about_cells_widens_the_deviation_of_areas_and_widths():
 
 
 def test_outlines_enclose_the_middles_of_their_rooms():
-    for room in two_rooms().rooms().rooms:
+    rooms = two_rooms().rooms().rooms
+    assert len(rooms) == 2
+    for room in rooms:
         x, y = room.outline.T
         around = abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
         assert around == pytest.approx(room.area_m2, rel=0.08)

@@ -26,7 +26,7 @@ def face(rng: np.random.Generator, x0: float, x1: float) -> np.ndarray:
 
 
 def walk(
-    frames: list[tuple[float, float] | None], sigma_m: float = 0.005
+    frames: list[tuple[float, float] | None], sigma_m: float = 0.005, pose: Gaussian = POSE
 ) -> tuple[ObstacleCloud, WorldMap]:
     """Frames of floor in front of a wall from x = 2 to 3, with something else at the given place in some of them."""
     rng = np.random.default_rng(0)
@@ -43,7 +43,7 @@ def walk(
         points = np.concatenate([*floor, *things])
         is_obstacle = np.arange(len(points)) >= sum(len(part) for part in floor)
         sigma = np.full(np.count_nonzero(is_obstacle), sigma_m)
-        cloud.add(points[is_obstacle], sigma, CAMERA, POSE, None)
+        cloud.add(points[is_obstacle], sigma, CAMERA, pose, None)
         world.update(points, is_obstacle, 0.1 * number, CAMERA)
     return cloud, world
 
@@ -65,14 +65,24 @@ def test_a_thing_that_was_always_there_has_one():
     assert thing.probability > 0.9
 
 
-def test_the_deviation_of_a_side_holds_the_doubt_of_the_pose():
-    cloud, world = walk([(0.2, 0.6)] * 16)
-    for one in cloud.footprints(world, FootprintConfig()):
-        step = np.roll(one.outline, -1, axis=0) - one.outline
-        front = int(np.argmax(np.where(one.seen, np.linalg.norm(step, axis=1), 0.0)))
-        assert one.sigma_m[front] > np.hypot(
-            0.01, 0.01 * 2.0
-        )  # x, y; and heading over the 2 m to the face
+@pytest.mark.parametrize("together", [0.0, 0.8, -0.8])  # correlation of x and heading
+def test_the_deviation_of_a_side_holds_the_doubt_of_the_pose(together):
+    """The error of the heading moves a face 2 m ahead, of mean offset x and y, across: by y dyaw."""
+    covariance = POSE.covariance.copy()
+    covariance[0, 2] = covariance[2, 0] = together * 0.01**2
+    variances = []
+    for P in (np.zeros((3, 3)), covariance):
+        cloud, world = walk([(0.2, 0.6)] * 16, pose=Gaussian(POSE.mean, P))
+        found = cloud.footprints(world, FootprintConfig())
+        assert len(found) == 2
+        thing = min(found, key=lambda one: float(one.outline[:, 0].min()))
+        step = np.roll(thing.outline, -1, axis=0) - thing.outline
+        front = int(np.argmax(np.where(thing.seen, np.linalg.norm(step, axis=1), 0.0)))
+        variances.append(thing.sigma_m[front] ** 2)
+    x, y = np.random.default_rng(1).uniform(0.2, 0.6, 1000) - 0.5, 2.01
+    dx, dy, turn = np.random.default_rng(2).multivariate_normal(np.zeros(3), covariance, 1000).T
+    true = 0.5 * np.mean((dx - y * turn) ** 2 + (dy + x * turn) ** 2)  # of one axis
+    assert variances[1] - variances[0] == pytest.approx(true, rel=0.1)
 
 
 def test_the_height_has_the_deviation_of_the_points():
@@ -86,7 +96,9 @@ def test_the_height_has_the_deviation_of_the_points():
 def test_no_footprint_lies_over_a_cell_that_the_saved_map_shows_free():
     cloud, world = walk([(0.2, 0.6)] * 16)
     free = FreeCells(world.known & (world.probability < 0.196), world.origin, world.cell_m)
-    for one in cloud.footprints(world, FootprintConfig()):
+    found = cloud.footprints(world, FootprintConfig())
+    assert len(found) == 2
+    for one in found:
         assert sum(abs(area(part)) for part in free.overlaps(one.outline)) == 0.0
 
 

@@ -38,11 +38,17 @@ def test_a_gap_has_the_free_lateral_width_at_any_distances(free, near, far):
     assert (gap.left, gap.right) == (0, 1)
 
 
-def test_a_gap_at_either_end_extends_to_the_end_of_the_panorama():
+def test_a_gap_at_either_end_extends_to_the_end_of_the_panorama_and_has_no_width():
     gaps = gaps_between(row((0.4, -0.4, 1.0)), ENDS, 2.5)
-    assert len(gaps) == 2
-    for gap in gaps:
-        assert gap.width_m == pytest.approx(math.tan(ENDS[0]) - 0.4)
+    assert [(gap.left_rad, gap.right_rad) for gap in gaps] == [
+        (ENDS[0], math.atan(0.4)),
+        (-math.atan(0.4), ENDS[1]),
+    ]
+    assert all(math.isnan(gap.width_m) and math.isnan(gap.sigma_width_m) for gap in gaps)
+
+
+def test_an_obstacle_beyond_the_end_of_the_panorama_leaves_no_gap_there():
+    assert gaps_between(row((9.0, -9.0, 1.0)), ENDS, 2.5) == ()
 
 
 def test_obstacles_beyond_the_farthest_level_bound_no_gap():

@@ -101,6 +101,7 @@ def test_edges_lie_at_the_corners(three):
 
 def test_gaps_are_the_free_widths(three):
     boxes, seen = three
+    assert [(gap.left, gap.right) for gap in seen.gaps] == [(None, 0), (0, 1), (1, 2), (2, None)]
     for k, gap in enumerate(seen.gaps[1:-1]):
         left, right = boxes[k], boxes[k + 1]
         free = left.centre[1] - left.size[1] / 2 - right.centre[1] - right.size[1] / 2
@@ -226,6 +227,16 @@ def test_an_obstacle_at_a_wall_is_split_off_at_the_concave_corner():
     assert across.distance_m == pytest.approx(1.1, abs=0.05)
     assert across.right_edge_m[1] == pytest.approx(0.3, abs=0.03)
     assert across.width_m == pytest.approx(1.9, abs=0.1)
+
+
+def test_segments_are_as_high_as_they_stand_above_the_floor_that_is_given():
+    views, true = views_of([box(1.1, 0.2, 0.2, 0.3, 0.3)])
+    panorama = exactly(views, true)
+    for level in (0.0, 0.12):
+        floor = Plane(np.array([0.0, 0.0, 1.0]), -level)
+        found = outline_segments(panorama, [], 1.65, floor)
+        (one,) = [o for o in found if abs(0.5 * (o.left_edge_m[1] + o.right_edge_m[1]) - 0.2) < 0.1]
+        assert one.height_m == pytest.approx(0.3 - level, abs=0.02)
 
 
 def test_segments_refuse_another_floor_than_that_of_the_listing():

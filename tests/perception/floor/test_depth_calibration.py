@@ -12,11 +12,12 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 
 PUBLISHED = DistortionConfig().depth
+STEP = 0.006  # of 1 / z, per m: an eighth of a pixel with 21 px m
 NOISE = 1.6  # of the model, whose constants are 1.2 mm and 1.9 mm
 
 
-def calibrated(look, coefficients, posed, views=8, **room_of):
-    """The calibration of views of a bare floor, bent by a quadric in published sizes."""
+def calibrated(look, coefficients, posed, views=8, step=0.0, **room_of):
+    """The calibration of views of a bare floor, bent by a quadric in published sizes; inverse depth in steps, 1/m."""
     calibrator = Calibrator(PUBLISHED, np.random.default_rng(0))
     for view in range(views):
         where = {"height_m": 0.5 + 0.1 * view, "pitch_deg": 25.0 + 3.0 * view} | room_of
@@ -28,6 +29,8 @@ def calibrated(look, coefficients, posed, views=8, **room_of):
         shapes = np.column_stack([np.ones_like(u), u, v, u * u, u * v, v * v])
         size = np.hypot(PUBLISHED.share, PUBLISHED.share_per_m * z)
         xyz = room.points.xyz * (1.0 + size * (shapes @ coefficients))[:, None]
+        if step:
+            xyz /= (xyz[:, 2] * step * np.round(1.0 / (xyz[:, 2] * step)))[:, None]
         bent = Points(xyz, room.points.sigma, room.points.pixels)
         calibrator.add(bent, room.T_body_camera if posed else None)
     return calibrator.solve()
@@ -51,6 +54,17 @@ def test_the_noise_and_its_growth_are_found_within_their_uncertainty(look):
     constant, growth, _ = found.growth((z - 0.4) ** 2)
     assert constant == pytest.approx(NOISE * 0.0012, rel=0.10)
     assert growth == pytest.approx(NOISE * 0.0019, rel=0.05)
+
+
+def test_steps_of_disparity_wider_than_the_noise_are_part_of_it(look):
+    """A wall square to the axis: half of the pixels of a cell and more have one value."""
+    found = calibrated(
+        look, np.zeros(6), False, step=STEP, wall_m=1.9, with_floor=False, pitch_deg=0.0
+    )
+    assert found.noise
+    for one in found.noise:
+        true = np.hypot(NOISE * (0.0012 + 0.0019 * (one.z - 0.4) ** 2), one.z**2 * STEP / 12**0.5)
+        assert one.sigma == pytest.approx(true, rel=0.1)
 
 
 def test_a_sensor_without_bend_gets_a_smaller_distortion_and_a_bent_one_a_larger(look):

@@ -66,6 +66,19 @@ def test_the_pose_is_found_to_within_a_cell(off, pan):
     assert abs(wrap_angle(found.yaw - there.yaw)) < 4 * DEG
 
 
+@pytest.mark.parametrize("turned", [-math.pi, -3.0, 2.5, 3.0, math.pi])
+def test_half_a_turn_to_the_left_and_to_the_right_are_one_heading(turned):
+    walls = [*closed((0, 0), (5, 0), (5, 3.5), (0, 3.5)), ((3, 3.5), (3, 2.5)), ((2, 0), (2, 0.6))]
+    there = Pose2(2.3, 1.7, 0.3)
+    world = surfaces(walls, (there.x, there.y))
+    view = Pose2(there.x, there.y, 0.0)
+    wide = prior(there, (0.0, 0.0, -turned), (0.05, 0.05, 2.0))
+    found = find(world.at(there.inverse()), [(view, world.at(view.inverse()))], wide)
+    assert found is not None
+    assert math.hypot(found.x - there.x, found.y - there.y) < 0.08
+    assert abs(wrap_angle(found.yaw - there.yaw)) < 4 * DEG
+
+
 def test_a_place_that_fits_at_two_headings_is_not_found():
     world = surfaces(SQUARE, (0.0, 0.0))
     there = Pose2(0.0, 0.0, 0.2)

@@ -99,9 +99,13 @@ def test_a_wide_or_truncated_object_is_not_a_disc():
 
 
 def test_a_partly_occluded_object_is_not_a_disc():
-    seen = contacts_of(ground_with([(0.8, 0.0, 0.06, 0.05), (1.0, 0.07, 0.06, 0.1)]))
-    found = contact_detections.detect_discs(seen, ROBOT, 2.5)
-    assert all(abs(disc.position[1] - 0.07) > 0.02 for disc in found)
+    front, behind = (0.8, 0.0, 0.06, 0.05), (1.0, 0.07, 0.06, 0.1)
+    alone, both = (
+        contact_detections.detect_discs(contacts_of(ground_with(cylinders)), ROBOT, 2.5)
+        for cylinders in ([behind], [front, behind])
+    )
+    assert [abs(disc.position[1] - 0.07) < 0.01 for disc in alone] == [True]
+    assert all(abs(disc.position[1] - 0.07) > 0.02 for disc in both)
 
 
 def test_floor_is_visible_where_there_is_no_obstacle():

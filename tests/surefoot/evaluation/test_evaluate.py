@@ -690,6 +690,14 @@ def test_a_missed_consistency_names_its_direction_and_factor(anees, words):
     assert words.removeprefix("MISSED, ") in verdict(metrics)[1]
 
 
+def test_one_covariance_that_is_not_positive_definite_is_named_and_no_direction():
+    whitened = np.random.default_rng(0).standard_normal((200, 3))
+    whitened[7] = np.inf
+    found = consistency_metrics(whitened, "pose")
+    assert found["pose_anees_low"] < found["pose_anees"] < found["pose_anees_high"]
+    assert "MISSED, 0.50% of the covariances are not positive definite" in closing_table(found)
+
+
 def test_verdicts_count_moving_obstacles_and_footprints():
     metrics = {
         "position_rmse_m": 0.02,

@@ -34,6 +34,17 @@ def test_the_error_is_that_of_the_difference_of_the_floors():
     assert found["floor_nees"] == pytest.approx((3.0**2 + 0.4**2) / 2, rel=1e-3)
 
 
+@pytest.mark.parametrize("x", [-2.0, 10.0])
+def test_a_robot_beyond_all_floors_stands_on_the_ground(x):
+    pose = Pose2(x, 2.0, 0.0)
+    upper = surface(4.1, 7.9, 0.5, pose)
+    lower = surface(min(x, 8.5), max(x, 3.9), 0.0, pose)  # the ground as far as the robot
+    found = levels._floors((upper, lower), pose, PIECES)
+    assert found["floors"] == 2.0
+    assert found["floor_error_max_m"] == pytest.approx(0.0, abs=1e-9)
+    assert found["floor_nees"] == pytest.approx(0.0, abs=1e-9)
+
+
 def test_a_floor_that_is_not_in_the_map_is_no_success():
     pose = Pose2(5.0, 2.0, 0.0)
     found = levels._floors((surface(4.1, 7.9, 0.0, pose),), pose, PIECES)

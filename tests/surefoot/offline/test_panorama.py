@@ -185,6 +185,25 @@ def test_a_panorama_of_fewer_than_half_of_its_views_has_failed_and_says_why(carr
     assert any("frame 4 not placed" in line for line in panorama_lines(content))
 
 
+class Floorless(Carried):
+    """The same recording with holes in place of all that is lower than 8 cm."""
+
+    def __init__(self, carried):
+        self.info, self.skipped, self.remarks = carried.info, [], []
+        self._seen = []
+        for pose, depth, picture in carried._seen:
+            height = (CAMERA.rays * depth[..., None]) @ pose.rotation[2] + pose.position[2]
+            self._seen.append((pose, np.where(height > 0.08, depth, np.nan), picture))
+
+
+def test_a_panorama_without_a_floor_states_no_sizes_and_says_why(carried, tmp_path):
+    content = run_panorama(job(Floorless(carried), tmp_path / "run", turn_deg=11.0), quiet)
+    assert all(view["placed"] for view in content["views"])
+    assert not content["floor_seen"]
+    assert (content["obstacles"], content["gaps"]) == ([], [])
+    assert content["failed"].startswith("no floor was found")
+
+
 def test_one_bad_view_is_no_gap_in_a_panorama_by_pictures(carried, tmp_path):
     most = Interrupted(carried, shown=[k for k in range(13) if k != 6])
     content = run_panorama(job(most, tmp_path / "most", by_pictures=True, most_views=7), quiet)
