@@ -126,7 +126,7 @@ def panorama(
     Writes panorama.ply, panorama.npz, panorama.json and a picture of obstacles and gaps. RECORDING is any with
     depth that `surefoot process` reads.
     """
-    from ..offline.job import Job
+    from ..offline.job import Job, count_reasons
     from ..offline.panorama import panorama_lines, run_panorama
 
     if views is not None:
@@ -140,6 +140,8 @@ def panorama(
     if as_json:
         click.echo(json.dumps(content, indent=2))
         click.get_current_context().exit(FAILED if content["failed"] else DONE)
+    for reason, count in count_reasons([one.reason for one in job.recording.skipped]).items():
+        click.echo(f"skipped {count}: {reason}")
     click.echo("\n".join([*panorama_lines(content), f"panorama folder: {job.folder.root}"]))
     if content["failed"]:
         click.echo(f"surefoot: {job.recording.info.name}: {content['failed']}", err=True)

@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 from perception.primitives.frame import Frame
 
 from .codec import fault_of
-from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame
+from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame, with_following
 
 
 @runtime_checkable
@@ -45,11 +45,16 @@ class CheckedRecording:
         return list(getattr(self._recording, "remarks", []))
 
     def frames(self) -> Iterator[Frame]:
-        """The frames of which no stamp, pose, image or other number is impossible."""
+        """The frames of which no stamp, pose, image or other number is impossible.
+
+        Raises:
+            RecordingError: None is left.
+        """
         self._log = log = SkipLog()
-        for number, frame in enumerate(self._recording.frames()):
+        frames = with_following(self._recording.frames(), lambda one: one.stamp_s)
+        for number, (frame, following) in enumerate(frames):
             try:
-                log.check_stamp(frame.stamp_s)
+                log.check_stamp(frame.stamp_s, following)
                 fault = fault_of(frame)
                 if fault is not None:
                     raise FrameError(fault)
@@ -58,3 +63,4 @@ class CheckedRecording:
                 continue
             log.note(frame.stamp_s)
             yield frame
+        log.check_use(self.info.name)

@@ -17,7 +17,14 @@ from perception.primitives.frame import ColourView, DepthView, Frame
 from perception.primitives.pose import Pose3
 
 from .images import DepthUnit, read_colour, read_depth
-from .recording import DESCRIPTION_FILE, FrameError, RecordingInfo, SkipLog, SkippedFrame
+from .recording import (
+    DESCRIPTION_FILE,
+    FrameError,
+    RecordingInfo,
+    SkipLog,
+    SkippedFrame,
+    with_following,
+)
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".ppm", ".bmp")
 KINECT_HZ = 30.0  # of Kinect, Xtion and rendered data sets, for layouts without stamps
@@ -113,9 +120,9 @@ class FolderRecording:
         """
         skips = self._skips = SkipLog()
         self._without_colour = []
-        for files, reading in self._ahead():
+        for files, following, reading in self._ahead():
             try:
-                skips.check_stamp(files.stamp_s)
+                skips.check_stamp(files.stamp_s, following)
                 frame, fault = reading.result()
             except FrameError as error:
                 skips.skip(files.name, str(error))
@@ -126,22 +133,21 @@ class FolderRecording:
                 self._check_scale(frame)
             skips.note(frame.stamp_s)
             yield frame
-        if skips.returned == 0:
-            raise RecordingError(f"{self._path}: no frame can be used{skips.why()}")
+        skips.check_use(self._path)
 
-    def _ahead(self) -> Iterator[tuple[FrameFiles, Future[Read]]]:
-        """Every frame, being read by a second thread, in order."""
-        waiting: deque[tuple[FrameFiles, Future[Read]]] = deque()
+    def _ahead(self) -> Iterator[tuple[FrameFiles, list[float], Future[Read]]]:
+        """Every frame with the stamps that follow, being read by a second thread, in order."""
+        waiting: deque[tuple[FrameFiles, list[float], Future[Read]]] = deque()
         with ThreadPoolExecutor(1, "images") as reader:
             try:
-                for files in self._files:
-                    waiting.append((files, reader.submit(self._read, files)))
+                for files, following in with_following(self._files, lambda one: one.stamp_s):
+                    waiting.append((files, following, reader.submit(self._read, files)))
                     if len(waiting) > AHEAD:
                         yield waiting.popleft()
                 while waiting:
                     yield waiting.popleft()
             finally:
-                for _, reading in waiting:
+                for *_, reading in waiting:
                     reading.cancel()
 
     def _check_scale(self, frame: Frame) -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, runtime_checkable
+from pathlib import Path
+from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
-from perception.primitives.errors import SurefootError
+from perception.primitives.errors import RecordingError, SurefootError
 from perception.primitives.frame import Frame
 from perception.primitives.landmark import Landmark
 from perception.primitives.own_body import OwnBody
@@ -17,6 +19,9 @@ from perception.primitives.pose import Pose2
 
 DESCRIPTION_FILE = "recording.toml"
 """What a user tells about a folder, see `description`."""
+LAST_STAMP_S = 1.67e10  # ours: in 2499; stamps in ms or ns are later, and MCAP ends in 2554
+FOLLOWING = 2  # ours: stamps that show whether the one before them is too late; one could be too early itself
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,30 +105,59 @@ class SkipLog:
     def __init__(self) -> None:
         self.skipped: list[SkippedFrame] = []
         self.returned = 0
+        self._out_of_order = 0
         self._stamp_s: float | None = None
 
     def skip(self, name: str, reason: str) -> None:
         """Record a frame that cannot be used."""
         self.skipped.append(SkippedFrame(name, reason))
 
-    def check_stamp(self, stamp_s: float, may_go_back: bool = False) -> None:
-        """Raise a FrameError for a stamp that is not finite or not later than the one before.
+    def check_stamp(
+        self, stamp_s: float, following: Sequence[float] = (), may_go_back: bool = False
+    ) -> None:
+        """Raise a FrameError for a stamp that is impossible, not later than the one before, or too late.
+
+        Too late is a stamp after both that follow, if these are in order with the one before: it would cost all frames
+        up to it.
 
         Args:
             stamp_s: The stamp.
+            following: Stamps of the next frames, see `with_following`.
             may_go_back: Accept an earlier one: the frames are in order, and their clock was set.
         """
-        if not np.isfinite(stamp_s):
-            raise FrameError("the stamp is not a number")
-        back = self._stamp_s is not None and stamp_s < self._stamp_s and not may_go_back
-        if back or stamp_s == self._stamp_s:
-            fault = "equals" if stamp_s == self._stamp_s else "is earlier than"
-            raise FrameError(f"the stamp {fault} that of the frame before")
+        fault = _impossible(stamp_s, may_go_back)
+        if fault:
+            raise FrameError(f"the stamp {fault}")
+        if stamp_s == self._stamp_s:
+            raise FrameError("the stamp equals that of the frame before")
+        if may_go_back:
+            return
+        before_s = -np.inf if self._stamp_s is None else self._stamp_s
+        after = [one for one in following if not _impossible(one)]
+        late = bool(after) and all(before_s <= one < stamp_s for one in after)
+        if late or stamp_s < before_s:
+            self._out_of_order += 1
+            fault = (
+                "later than those of the frames after"
+                if late
+                else "earlier than that of the frame before"
+            )
+            raise FrameError(f"the stamp is {fault}")
 
     def note(self, stamp_s: float) -> None:
         """Record a frame that is returned."""
         self._stamp_s = stamp_s
         self.returned += 1
+
+    def check_use(self, where: Path | str) -> None:
+        """Raise a RecordingError after the last frame if none was returned, or if the order of stamps cost most of them."""
+        if self.returned == 0:
+            raise RecordingError(f"{where}: no frame can be used{self.why()}")
+        if self._out_of_order > self.returned:
+            raise RecordingError(
+                f"{where}: {self.returned} of {self.returned + len(self.skipped)} frames can be used, because of the "
+                f"order of their stamps{self.why()}; correct the stamps"
+            )
 
     def why(self) -> str:
         """Reason of the first skipped frame, as the end of a message; empty without skipped frames."""
@@ -131,3 +165,25 @@ class SkipLog:
             return ""
         first = self.skipped[0]
         return f" ({len(self.skipped)} skipped; {first.name}: {first.reason})"
+
+
+def with_following(
+    items: Iterable[T], stamp: Callable[[T], float]
+) -> Iterator[tuple[T, list[float]]]:
+    """Every item, and the stamps of up to `FOLLOWING` items after it."""
+    waiting: deque[T] = deque()
+    for item in items:
+        waiting.append(item)
+        if len(waiting) > FOLLOWING:
+            yield waiting.popleft(), [stamp(one) for one in waiting]
+    while waiting:
+        yield waiting.popleft(), [stamp(one) for one in waiting]
+
+
+def _impossible(stamp_s: float, may_be_negative: bool = False) -> str:
+    """What is wrong with a stamp by itself; empty if nothing is."""
+    if not np.isfinite(stamp_s):
+        return "is not a number"
+    if stamp_s > LAST_STAMP_S:
+        return "is beyond the year 2499; s were expected, not ms or ns"
+    return "is negative; 0 or more was expected" if stamp_s < 0.0 and not may_be_negative else ""

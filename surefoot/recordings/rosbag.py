@@ -32,7 +32,7 @@ from perception.primitives.safe_input import UnreadableError
 
 from .description import Description, complete
 from .poses import ASSOCIATION_S
-from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame
+from .recording import FOLLOWING, FrameError, RecordingInfo, SkipLog, SkippedFrame
 from .ros_messages import camera_of_info, colour_image, depth_image, is_rectified
 from .ros_topics import decoded, find_topics, words
 from .ros_transforms import Transforms
@@ -114,21 +114,23 @@ class RosbagRecording:
                     waiting.append((stamp, message))
                 else:
                     colours.append((stamp, message))
-                while waiting and _settled(waiting[0][0], stamp, colours, self._topics.colour):
-                    yield from self._frame(skips, *waiting.pop(0), colours)
-            for stamp, message in waiting:
-                yield from self._frame(skips, stamp, message, colours)
-        if skips.returned == 0:
-            raise RecordingError(f"{self._path}: no frame can be used{skips.why()}")
+                while len(waiting) > FOLLOWING and _settled(
+                    waiting[0][0], stamp, colours, self._topics.colour
+                ):
+                    yield from self._first_waiting(skips, waiting, colours)
+            while waiting:
+                yield from self._first_waiting(skips, waiting, colours)
+        skips.check_use(self._path)
 
-    def _frame(
-        self, skips: SkipLog, stamp: float, message: Any, colours: list[tuple[float, Any]]
+    def _first_waiting(
+        self, skips: SkipLog, waiting: list[tuple[float, Any]], colours: list[tuple[float, Any]]
     ) -> Iterator[Frame]:
-        """The frame of one depth image, if it can be used; drops older colour images."""
-        while colours and colours[0][0] < stamp - ASSOCIATION_S:
-            colours.pop(0)
+        """The frame of the first depth image that waits, if it can be used; drops older colour images."""
+        stamp, message = waiting.pop(0)
         try:
-            skips.check_stamp(stamp)
+            skips.check_stamp(stamp, [one for one, _ in waiting[:FOLLOWING]])
+            while colours and colours[0][0] < stamp - ASSOCIATION_S:
+                colours.pop(0)
             depth = depth_image(message, self._camera, self._topics.compressed_depth)
             colour = self._colour(stamp, depth, colours)
         except FrameError as error:
@@ -254,8 +256,8 @@ def check_metadata(path: Path) -> None:
 def _settled(
     stamp: float, now: float, colours: Sequence[tuple[float, Any]], topic: str | None
 ) -> bool:
-    """Whether no later message can bring a nearer colour image for a depth image."""
-    if topic is None or now > stamp + _MAX_WAIT_S:
+    """Whether no later message can bring a nearer colour image for a depth image; also if its stamp is far too late."""
+    if topic is None or abs(now - stamp) > _MAX_WAIT_S:
         return True
     return any(other >= stamp for other, _ in colours)
 

@@ -27,7 +27,7 @@ from perception.primitives.frame import Frame, StereoView
 from .description import Description, complete
 from .folder import KINECT_HZ, is_stamp, pair, pictures
 from .images import image_size, read_colour
-from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame
+from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame, with_following
 from .stereo_calibration import has_opencv_pair, read_opencv_pair, read_rectified_pair
 
 Grey: TypeAlias = UInt8[np.ndarray, "h w"]
@@ -122,9 +122,10 @@ class StereoRecording:
         """
         skips = self._skips = SkipLog()
         before: int | None = None
-        for number, (stamp_s, *files) in enumerate(self._files):
+        pairs = with_following(self._files, lambda one: one[0])
+        for number, ((stamp_s, *files), following) in enumerate(pairs):
             try:
-                skips.check_stamp(stamp_s)
+                skips.check_stamp(stamp_s, following)
                 left, right = (_grey(file, self._camera) for file in files)
                 frame = self._frame(number, before, self._view(left, right))
             except FrameError as error:
@@ -133,8 +134,7 @@ class StereoRecording:
             skips.note(stamp_s)
             before = number
             yield frame
-        if skips.returned == 0:
-            raise RecordingError(f"{self._path}: no frame can be used{skips.why()}")
+        skips.check_use(self._path)
 
     def _frame(self, number: int, before: int | None, view: StereoView) -> Frame:
         """The frame of a pair; `before` is the number of the frame returned last.

@@ -357,6 +357,10 @@ def test_a_binary_trajectory_is_refused(tum):
         ("10.0000", "the stamp equals that of the frame before"),
         ("9.0000", "the stamp is earlier than that of the frame before"),
         ("nan", "the stamp is not a number"),
+        ("-1.0000", "the stamp is negative; 0 or more was expected"),
+        ("1.7e18", "the stamp is beyond the year 2499; s were expected, not ms or ns"),
+        ("1e300", "the stamp is beyond the year 2499; s were expected, not ms or ns"),
+        ("31500010.5", "the stamp is later than those of the frames after"),
     ],
 )
 def test_a_stamp_out_of_order_skips_its_frame(tum, stamp, reason):
@@ -364,6 +368,26 @@ def test_a_stamp_out_of_order_skips_its_frame(tum, stamp, reason):
     recording = open_recording(tum)
     assert [frame.stamp_s for frame in recording.frames()] == [10.0, 11.0, 11.5]
     assert recording.skipped == [("0001.png", reason)]
+
+
+@pytest.mark.parametrize(
+    ("stamps", "words"),
+    [
+        ("1.7e18 1.7e18 1.7e18", r"no frame can be used \(3 skipped; 0.png: .*, not ms or ns"),
+        ("0.3 0.2 0.1", r"1 of 3 frames can be used, .*\(2 skipped; 0.png: .*correct the stamps"),
+    ],
+)
+def test_a_recording_that_its_stamps_cost_most_frames_is_refused(plain, stamps, words):
+    edit(plain / "recording.toml", "rate_hz = 10.0", 'stamps = "stamps.txt"')
+    (plain / "stamps.txt").write_text(stamps.replace(" ", "\n"))
+    with pytest.raises(RecordingError, match=words):
+        play(plain)
+
+
+def test_a_stamp_too_early_does_not_cost_the_frame_before(plain):
+    edit(plain / "recording.toml", "rate_hz = 10.0", 'stamps = "stamps.txt"')
+    (plain / "stamps.txt").write_text("5.0\n0.0\n5.1")
+    assert [frame.stamp_s for frame in play(plain)] == [5.0, 5.1]
 
 
 def test_an_invalid_list_is_refused(tum_listed):

@@ -104,6 +104,24 @@ def test_a_damaged_image_is_skipped_and_counted(tmp_path):
     assert "100 bytes" in recording.skipped[0].reason
 
 
+def test_an_image_with_a_stamp_far_too_late_costs_itself_and_no_colours(tmp_path):
+    bag = Bag(tmp_path / "walk", "ros2")
+    for topic in ("/cam/depth/camera_info", "/cam/color/camera_info"):
+        bag.write(topic, bag.info(1.0, "camera"), 1.0)
+    for i in range(6):
+        stamp_s = 3.15e7 if i == 2 else 1.0 + 0.25 * i
+        bag.write("/cam/depth/image", bag.image(stamp_s, "camera", depth_mm(i), "16UC1"), 1.0 + i)
+        colours = bag.image(1.0 + 0.25 * i, "camera", bags.colour(i), "rgb8")
+        bag.write("/cam/color/image", colours, 1.0 + i)
+    recording = open_recording(bag.close())
+    frames = list(recording.frames())
+    assert [frame.stamp_s for frame in frames] == [1.0, 1.25, 1.75, 2.0, 2.25]
+    assert all(frame.colour is not None for frame in frames)
+    assert [one.reason for one in recording.skipped] == [
+        "the stamp is later than those of the frames after"
+    ]
+
+
 @pytest.mark.parametrize("kind", bags.KINDS)
 def test_a_truncated_bag_gives_its_complete_frames_or_an_error(tmp_path, kind):
     bag = write_bag(tmp_path / "walk", kind, frames=40)
