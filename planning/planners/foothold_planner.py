@@ -44,7 +44,7 @@ class FootholdPlanner:
     """Walks over surfaces to goals, one after the other.
 
     Args:
-        config: Robot, footholds, time limit.
+        config: Robot, footholds.
         goals: Map frame, m.
     """
 
@@ -74,9 +74,8 @@ class FootholdPlanner:
         return float(np.linalg.norm(self._goals[self._reached] - world.pose2.vector[:2]))
 
     def finished(self, world: WorldModel) -> bool:
-        """Whether all goals are reached, no step leads on, or the time is up."""
-        late = world.stamp_s >= self._config.mission.time_limit_s
-        return late or self._gave_up or self._reached == len(self._goals)
+        """Whether all goals are reached, or no step leads on."""
+        return self._gave_up or self._reached == len(self._goals)
 
     def decide(self, world: WorldModel) -> Decision:
         """The next footstep and gaze.

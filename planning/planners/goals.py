@@ -61,7 +61,7 @@ class GoalSeeker:
         return self._goals.distance(world)
 
     def finished(self, world: WorldModel) -> bool:
-        """Whether the last goal is reached or the time is up; called once per frame."""
+        """Whether the last goal is reached; called once per frame."""
         return self._goals.finished(world)
 
 
@@ -78,7 +78,7 @@ class Goals:
 
         Args:
             goals: In order, map frame, m.
-            config: Tolerances and time limit.
+            config: Tolerances.
             headings_deg: th_tg, heading to arrive with at each goal; NaN or missing: any.
         """
         self._goals = [np.array(goal) for goal in goals]
@@ -122,13 +122,13 @@ class Goals:
         return float(np.linalg.norm(self.present - world.pose.mean[:2]))
 
     def finished(self, world: WorldModel) -> bool:
-        """Count the present goal if it is reached; whether all are, or the time is up."""
+        """Count the present goal if it is reached; whether all are."""
         reach = self._config.tolerance_m * (TURNING if self._there else 1.0)
         near = world.pose is not None and self.distance(world) <= reach
         self._there = self.present is not None and near
         if self._there and self._faces(world):
             self._reached, self._there = self._reached + 1, False
-        return self.present is None or world.stamp_s >= self._config.time_limit_s
+        return self.present is None
 
     def _faces(self, world: WorldModel) -> bool:
         """Whether the robot has the heading of the present goal."""

@@ -85,10 +85,8 @@ class SearchPlanner:
         return 0.0 if self._explorer else self._goals.distance(world)
 
     def finished(self, world: WorldModel) -> bool:
-        """Whether all goals are reached or the time is up; exploring ends with the time."""
-        if self._explorer is not None:
-            return world.stamp_s >= self._config.mission.time_limit_s
-        return self._goals.finished(world)
+        """Whether all goals are reached; exploring ends with the time alone."""
+        return self._explorer is None and self._goals.finished(world)
 
     def observe(self, world: WorldModel) -> None:
         """Nothing to do between footsteps."""

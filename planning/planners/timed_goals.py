@@ -77,7 +77,7 @@ class TimedGoals:
         Args:
             goals: Map frame, m; those beyond the number of times are not used.
             times_s: From when each goal is valid, ascending, s.
-            mission: Tolerance and time limit.
+            mission: Tolerance.
         """
         self._times = times_s[: len(goals)]
         self._goals = [np.array(goal) for goal in goals[: len(self._times)]]
@@ -102,9 +102,8 @@ class TimedGoals:
         return float(np.linalg.norm(self.present - world.pose.mean[:2]))
 
     def finished(self, world: WorldModel) -> bool:
-        """Count the goal if it is reached, advance by the clock; whether the last one is reached or time is up."""
+        """Count the goal if it is reached, advance by the clock; whether the last one is reached."""
         self._index = max(0, bisect.bisect_right(self._times, world.stamp_s) - 1)
         if world.pose is not None and self.distance(world) <= self._mission.tolerance_m:
             self._reached.add(self._index)
-        done = len(self._goals) - 1 in self._reached
-        return done or not self._goals or world.stamp_s >= self._mission.time_limit_s
+        return not self._goals or len(self._goals) - 1 in self._reached

@@ -5,6 +5,7 @@ Runs and studies iterate over it and record what they need. Over a recording the
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -42,8 +43,9 @@ def cycles(
     perception: PerceptionSource,
     planner: Planner | None,
     robot: RobotModel = DARWIN_OP,
+    limit_s: float = math.inf,
 ) -> Iterator[Cycle]:
-    """The cycles of a walk or a recording, until the mission is finished or the frames end.
+    """The cycles of a walk or a recording, until the mission is finished, its time is up or the frames end.
 
     The body receives the command of a cycle before the cycle is yielded, and executes it with its next step.
 
@@ -52,6 +54,7 @@ def cycles(
         perception: Computes the world model.
         planner: Decides on footstep and gaze; None for a recording.
         robot: The body as the planner knows it.
+        limit_s: Stamp at which a walk ends, whatever the planner says; a recording is read to its end.
     """
     caution = Caution(robot)
     while (frame := body.read()) is not None:
@@ -69,5 +72,5 @@ def cycles(
             body.walk(decision.walk)
             body.look(decision.gaze)
         yield Cycle(frame, world, decision, busy_ms)
-        if planner is not None and planner.finished(world):
+        if planner is not None and (planner.finished(world) or world.stamp_s >= limit_s):
             break

@@ -130,7 +130,8 @@ def simulate(
             page.watch(folder)
         stopped = stack.enter_context(stop_requested())
         interrupted, why = False, ""
-        for cycle in cycles(body, pipeline, planner, config.planning.robot):
+        limit_s = config.mission.time_limit_s
+        for cycle in cycles(body, pipeline, planner, config.planning.robot, limit_s):
             truth.note(cycle.world.stamp_s, faults.touched(), cycle.world.estimate.views)
             moment = recorder.note(cycle)
             watch(cycle)

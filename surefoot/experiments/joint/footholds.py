@@ -202,7 +202,8 @@ def _mapped(seed: int) -> tuple[list[tuple[float, bool]], list[float]]:
         pipeline = LevelPipeline(config, from_its_start(robot))
         planner = FootholdPlanner(config.planning, [(float(goal[0]), float(goal[1]))])
         number = 0
-        for cycle in cycles(LiveBody(robot), pipeline, planner, config.robot_model):
+        live, limit_s = LiveBody(robot), config.mission.time_limit_s
+        for cycle in cycles(live, pipeline, planner, config.robot_model, limit_s):
             levels, decision = cycle.world.levels, cycle.decision
             if decision is None or levels is None:
                 continue

@@ -107,7 +107,7 @@ def walk_with_gaze(
         watch = getattr(planner.gaze.policy, "watch", None)
         if watch is not None:  # an oracle
             watch(perception)
-        for cycle in cycles(LiveBody(robot), perception, planner):
+        for cycle in cycles(LiveBody(robot), perception, planner, limit_s=limit_s):
             true = perception.truth.robot_pose()
             gaps = np.hypot(perception.discs[:, 0] - true.x, perception.discs[:, 1] - true.y)
             now = set(np.flatnonzero(gaps - perception.discs[:, 2] - BODY_RADIUS_M <= 0.0).tolist())

@@ -97,7 +97,9 @@ def _walked(
     start_m, most_m = heights[0], max(heights) - heights[0]
     highest, end, claimed, plan_ms = start_m, "time", 0.0, 0.0
     live = LiveBody(robot)
-    for cycle in cycles(live, pipeline, planner, pipeline.config.robot_model):
+    config = pipeline.config
+    limit_s = config.mission.time_limit_s
+    for cycle in cycles(live, pipeline, planner, config.robot_model, limit_s):
         decision = cycle.decision
         if decision is None:
             continue

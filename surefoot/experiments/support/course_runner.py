@@ -138,7 +138,8 @@ def walk(config: Config, perfect: bool = False, stepper: StepFilter | None = Non
         else:
             planner = SearchPlanner(config.planning, scene.goals, stepper)
         body = LiveBody(robot)
-        for cycle in cycles(body, perception, planner):
+        limit_s = config.mission.time_limit_s
+        for cycle in cycles(body, perception, planner, limit_s=limit_s):
             stamp_s, decision = cycle.frame.stamp_s, cycle.decision
             geometric.watch(stamp_s, cycle.world.tracks)
             _record_contacts(scene, geometric, touch, stamp_s, result)
