@@ -42,10 +42,9 @@ class NumberedScene:
         normals = np.concatenate([_normals(part) for part in everything])
         self._normals = normals.astype(np.float32)
         self._albedo = np.concatenate([part.albedo for part in everything])
-        dots = _Dots(len(normals))
         first, bodies, spans = 0, [], []
         for part in everything:
-            bodies.append(renderer.show(dots.mesh(part, first)))
+            bodies.append(renderer.show(_numbered(part, first)))
             spans.append(slice(first, first + len(part.triangles)))
             first += len(part.triangles)
         renderer.place(bodies[0], self._aside_m, 0.0)
@@ -83,24 +82,18 @@ class NumberedScene:
         return Hits(distance, cosine, self._albedo[number] * met)
 
 
-class _Dots:
-    """A texture with one small square per number, and meshes whose triangles show their numbers."""
-
-    def __init__(self, count: int) -> None:
-        self._side = math.ceil(math.sqrt(count))
-        number = np.arange(self._side**2).reshape(self._side, self._side)
-        colours = np.stack([number & 255, number >> 8 & 255, number >> 16 & 255], axis=-1)
-        dot = np.ones((_DOT_PX, _DOT_PX, 1), np.uint8)
-        self._texture = np.kron(colours.astype(np.uint8), dot)
-
-    def mesh(self, part: Surfaces, first: int) -> TexturedMesh:
-        """Surfaces whose triangles have the numbers from `first` on."""
-        count = len(part.triangles)
-        row, column = np.divmod(first + np.arange(count), self._side)
-        uv = np.stack([column + 0.5, row + 0.5], axis=1) / self._side
-        corners = part.vertices[part.triangles].reshape(-1, 3).astype(np.float64)
-        triangles = np.arange(3 * count).reshape(count, 3)
-        return TexturedMesh(corners, triangles, np.repeat(uv, 3, axis=0), self._texture)
+def _numbered(part: Surfaces, first: int) -> TexturedMesh:
+    """Surfaces whose triangles show their numbers, from `first` on: one small square of the texture each."""
+    count = len(part.triangles)
+    side = math.ceil(math.sqrt(count))
+    number = first + np.arange(side**2).reshape(side, side)
+    colours = np.stack([number & 255, number >> 8 & 255, number >> 16 & 255], axis=-1)
+    texture = np.kron(colours.astype(np.uint8), np.ones((_DOT_PX, _DOT_PX, 1), np.uint8))
+    row, column = np.divmod(np.arange(count), side)
+    uv = np.stack([column + 0.5, row + 0.5], axis=1) / side
+    corners = part.vertices[part.triangles].reshape(-1, 3).astype(np.float64)
+    triangles = np.arange(3 * count).reshape(count, 3)
+    return TexturedMesh(corners, triangles, np.repeat(uv, 3, axis=0), texture)
 
 
 def _normals(part: Surfaces) -> Float[np.ndarray, "m 3"]:

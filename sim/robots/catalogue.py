@@ -131,8 +131,8 @@ def _description(
 def _legs(file: TableReader, table: dict[str, Any]) -> Legs:
     left, right = (_words(file, table, key, 6) for key in ("left", "right"))
     feet = _words(file, table, "feet", 2)
-    length, width = (float(v) for v in file.numbers(table, "sole_size_m", 2))
-    x, y, z = (float(v) for v in file.numbers(table, "sole_m", 3))
+    length, width = (float(v) for v in file.numbers(table, "sole_size_m", 2, 0.01, 1.0))
+    x, y, z = (float(v) for v in file.numbers(table, "sole_m", 3, -1.0, 1.0))
     return Legs(left, right, (feet[0], feet[1]), (x, y, z), (length, width))
 
 
@@ -153,8 +153,8 @@ def _gaze(file: TableReader, tables: dict[str, dict[str, Any]]) -> Gaze:
 def _model(file: TableReader, tables: dict[str, dict[str, Any]]) -> RobotModel:
     body, gait, steps, gaze = (tables[name] for name in ("body", "gait", "steps", "gaze"))
 
-    def length(table: dict[str, Any], key: str) -> float:
-        return file.number(table, key, None, 0.01, 5.0)
+    def length(table: dict[str, Any], key: str, least: float = 0.01) -> float:
+        return file.number(table, key, None, least, 5.0)
 
     def speed(key: str, least: float) -> float:
         return file.number(steps, key, None, least, 5.0)
@@ -169,7 +169,7 @@ def _model(file: TableReader, tables: dict[str, dict[str, Any]]) -> RobotModel:
         passage_width_m=length(body, "passage_m"),
         foot_m=(float(sole[0]), float(sole[1])),
         eye_m=length(tables["camera"], "eye_m"),
-        hip_m=length(gait, "hip_m"),
+        hip_m=length(gait, "hip_m", 0.05),
         stance_m=length(gait, "stance_m"),
         steps=StepLimits(
             *(file.number(steps, key, 0.0, 0.0, 2.0) for key in ("up_m", "down_m", "reach_m"))
@@ -207,7 +207,11 @@ def _sensor(file: TableReader, name: str, table: dict[str, Any]) -> Sensor:
 
 
 def _place(file: TableReader, table: dict[str, Any]) -> tuple[float, float, float]:
-    x, y, z = (float(v) for v in file.numbers(table, "at_m", 3)) if "at_m" in table else (0.0,) * 3
+    x, y, z = (
+        (float(v) for v in file.numbers(table, "at_m", 3, -5.0, 5.0))
+        if "at_m" in table
+        else (0.0,) * 3
+    )
     return x, y, z
 
 

@@ -6,7 +6,8 @@ Each error states the entry in the file, the problem, and a remedy.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from ..shapes import Shape, Solid, distance, outline
 ROBOT_RADIUS_M = 0.15  # seed 001: S_r
 HALF_WIDTH_M = 0.082  # seed 000: half the robot's width, for lateral steps through narrow gaps
 LEAST_SIDE_M, MOST_SIDE_M = 1.0, 50.0  # ours: of a room; tags of a larger one take gigabytes
+STATIC = ("box", "cylinder", "furniture", "model")
+MOST_MOVING, MOST_STATIC = 50, 500  # ours: 50 moving objects of 2.4 m are 2 GB in a renderer
 _INTO_WALL_M = 0.02  # ours: tolerated overlap with walls and floor
 _FINEST_CELL_M, _COARSEST_CELL_M = 0.02, 0.06  # ours: coarser cells miss thin walls
 _CELLS = 500  # ours: along the longer side
@@ -37,6 +40,15 @@ def check_extent(where: str, extent: Extent) -> None:
             f"{where}extent = {list(extent)} is {x1 - x0:g} x {y1 - y0:g} m; each side must be "
             f"{LEAST_SIDE_M:g} to {MOST_SIDE_M:g} m"
         )
+
+
+def check_count(where: str, table: Mapping[str, Any]) -> None:
+    """Check that a renderer can hold all objects, of which each has a texture of its own."""
+    for kinds, most in ((("moving_object",), MOST_MOVING), (STATIC, MOST_STATIC)):
+        count = sum(len(table.get(kind, [])) for kind in kinds)
+        if count > most:
+            listed = ", ".join(f"[[{kind}]]" for kind in kinds)
+            raise InputError(f"{where}{count} of {listed}; {most} are the most, leave some out")
 
 
 def check_area(where: str, area: FloorArea, extent: Extent) -> None:

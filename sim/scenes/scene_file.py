@@ -28,6 +28,7 @@ from .model_files import placed, read_model
 from .rooms import WALL_HEIGHT_M, small_robot, walls
 from .scene_checks import (
     check_area,
+    check_count,
     check_extent,
     check_moving_object,
     check_object,
@@ -53,6 +54,7 @@ speed = 0.05
 """
 
 ALBEDO = 0.6  # ours: default
+SPEEDS_MPS = (0.001, 5.0)  # ours: of a moving object, up to a runner
 MOST_TAGS = 50  # size of the dictionary, see `textures`
 _TAGS = 16  # ours: default
 _KEYS: dict[str, tuple[str, ...]] = {
@@ -83,9 +85,11 @@ def read_scene(path: Path, seed: int) -> Scene:
         raise InputError(f"{path}: seed {seed} must not be negative; choose 0 or more")
     table = _load(path)
     reader = TableReader(path, EXAMPLE)
+    check_count(reader.where, table)
     extent = reader.numbers(table, "extent", 4)
     check_extent(reader.where, extent)
     x, y, heading = reader.numbers(table, "start", 3)
+    heading = reader.number({"heading": heading}, "heading", None, -360.0, 360.0)
     start = Pose2(x, y, math.radians(heading))
     goals = tuple(reader.place({"goal": goal}, "goal") for goal in reader.items(table, "goals"))
     if not goals:
@@ -178,10 +182,10 @@ def _model(
 
 def _moving_object(reader: TableReader, item: Mapping[str, Any], number: int) -> MovingObject:
     first, last = reader.place(item, "from"), reader.place(item, "to")
-    speed = reader.number(item, "speed")
+    speed = reader.number(item, "speed", None, *SPEEDS_MPS)
     length = math.dist(first, last)
-    if not (speed > 0.0 and length > 0.0):
-        raise reader.refusal("speed", speed, "a positive speed, m/s, between two places")
+    if length == 0.0:
+        raise reader.refusal("to", list(last), "another place than from")
     colour = reader.word(item, "colour", "orange")
     if colour not in PALETTE:
         raise reader.refusal("colour", colour, f"one of {', '.join(PALETTE)}")

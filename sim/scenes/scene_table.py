@@ -76,14 +76,21 @@ class TableReader:
             raise self.refusal(key, table[key], f"a whole number from 0 to {most}")
         return int(value)
 
-    def numbers(self, table: Mapping[str, Any], key: str, count: int) -> tuple[Any, ...]:
-        """A list of that many finite numbers."""
+    def numbers(
+        self,
+        table: Mapping[str, Any],
+        key: str,
+        count: int,
+        least: float = -math.inf,
+        most: float = math.inf,
+    ) -> tuple[Any, ...]:
+        """A list of that many finite numbers within a range."""
         value = table.get(key)
         if not isinstance(value, list) or len(value) != count:
             raise self.refusal(
                 key, value, f"a list of {count} numbers; for example\n{self._example}"
             )
-        return tuple(self.number({key: v}, key) for v in value)
+        return tuple(self.number({key: v}, key, None, least, most) for v in value)
 
     def size(self, table: Mapping[str, Any], key: str) -> tuple[float, float, float]:
         """Three positive lengths."""

@@ -9,6 +9,7 @@ import pytest
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, SurefootError
 from perception.primitives.pose import Pose2, Pose3, head_rotation
+from sim.rendering.numbered import NumberedScene
 from sim.rendering.renderer import choose_renderer
 from sim.robot_config import RobotConfig
 from sim.scene import FloorArea, MovingObject, Scene, StaticObject
@@ -114,6 +115,28 @@ def test_ranges_in_a_home_agree_with_ray_casting(renderer):
     assert np.mean(rendered.albedo != cast.albedo) < 1e-3
     assert np.mean(np.abs(rendered.cosine - cast.cosine) > 1e-4) < 1e-3
     assert np.nanpercentile(np.abs(measured[0] - measured[1]), 99) < 1e-3
+
+
+def test_the_numbers_of_many_objects_take_memory_in_proportion():
+    class Shown:
+        def __init__(self):
+            self.pixels = 0
+
+        def show(self, mesh):
+            self.pixels += mesh.texture[..., 0].size
+            return 0
+
+        def place(self, body, x, y):
+            pass
+
+    def pixels(count):
+        parts = (Cylinder((0.0, 0.0, 0.4), 0.2, 0.8),)
+        one = MovingObject("robot 1", (1.5, 0.0), 0.0, 0.2, 10.0, parts, 0.7, phase_s=0.0)
+        shown = Shown()
+        NumberedScene(scene(moving_objects=(one,) * count), shown)
+        return shown.pixels
+
+    assert pixels(80) < 9 * pixels(10)
 
 
 def small_room():

@@ -56,7 +56,11 @@ def changed(tmp_path, old, new):
     [
         ("hip_m", "hips_m", "[gait] key 'hips_m' is unknown; did you mean 'hip_m'?"),
         ("com_m = 0.5\n", "", "com_m = None; expected a finite number"),
-        ("hip_m = 0.45", "hip_m = 45", "hip_m = 45; expected a number, from 0.01 to 5"),
+        ("hip_m = 0.45", "hip_m = 45", "hip_m = 45; expected a number, from 0.05 to 5"),
+        ("hip_m = 0.45", "hip_m = 0.01", "hip_m = 0.01; expected a number, from 0.05 to 5"),
+        ("[0.16, 0.08]", "[160, 80]", "sole_size_m = 160; expected a number, from 0.01 to 1"),
+        ("[0.16, 0.08]", "[1e-6, 1e-6]", "sole_size_m = 1e-06; expected a number, from 0.01 to 1"),
+        ("sole_m = [0.02, 0.0, -0.05]", "sole_m = [20, 0, -50]", "sole_m = 20; expected a number"),
         ('"l_hip_roll", ', "", "expected a list of 6 different names"),
         ("tilt_deg = [15, 65]", "tilt_deg = [65, 15]", "tilt_deg=(65.0, 15.0) must be (highest,"),
         ("cruise_mps = 0.12", "cruise_mps = 0.5", "cruise_mps=0.5 is above max_speed_mps=0.15"),

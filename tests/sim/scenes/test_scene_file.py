@@ -121,7 +121,13 @@ def test_rendered_depth_of_a_solid_agrees_with_ray_casting(tmp_path):
         (("goals = [[4.4, 2.0]]", "goals = [[9.0, 2.0]]"), "outside the extent"),
         (("goals = [[4.4, 2.0]]", "goals = [[2.5, 2.1]]"), "from 'table'"),
         (("goals = [[4.4, 2.0]]", ""), "goals is missing"),
-        (("speed = 0.05", "speed = 0"), "positive speed"),
+        (("speed = 0.05", "speed = 0"), "speed = 0; expected a number, from 0.001 to 5"),
+        (("speed = 0.05", "speed = 1e6"), "speed = 1000000.0; expected a number, from 0.001 to 5"),
+        (("to = [3.6, 3.0]", "to = [3.6, 1.0]"), "to = .*; expected another place than from"),
+        (
+            ("start = [0.6, 2.0, 0]", "start = [0.6, 2.0, 1e300]"),
+            r"heading = 1e\+300; expected a number, from -360 to 360",
+        ),
         (('name = "table"', 'material = "cheese/oak"'), "expected kind/colour"),
         (("[[box]]", "[[box"), "not valid TOML"),
         (("[0, 0, 5, 4] ", "[0, 0, 0.5, 0.5]"), "0.5 x 0.5 m; each side must be 1 to 50 m"),
@@ -174,6 +180,18 @@ def test_invalid_entries_are_reported_with_the_expected_value(tmp_path, change, 
     with pytest.raises(InputError, match=said) as caught:
         load(tmp_path, EXAMPLE.replace(*change))
     assert "mine.toml" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("box", r"501 of \[\[box\]\], \[\[cylinder\]\], .*; 500 are the most, leave some out"),
+        ("moving_object", r"51 of \[\[moving_object\]\]; 50 are the most, leave some out"),
+    ],
+)
+def test_more_objects_than_a_renderer_can_hold_are_refused(tmp_path, kind, said):
+    with pytest.raises(InputError, match=said):
+        load(tmp_path, EXAMPLE + f"[[{kind}]]\n" * (500 if kind == "box" else 50))
 
 
 WALL = """
