@@ -10,12 +10,14 @@ import math
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy import ndimage
 
 WIDEST_M = 0.95  # ours: doorways of homes are 0.6 to 0.9 m wide
 NARROWER = 0.72  # ours: clearance of a doorway by that of the smaller room; seeds 100 to 103
 LEAST_M2 = 1.5  # ours: a smaller part of the floor is no room
 WALL_M, WALL_SHARE = 0.30, 0.65  # ours: a wall goes on so far behind a jamb, in this share of cells
 THICK_M = 0.30  # ours: floor is no farther from the middle of a wall
+PIECE_M = 0.60  # ours: what stands alone and is shorter is no wall
 ASIDE_CELLS = 4  # ours: which may be beside the line, as door leaves hide corners
 FACING = 0.7  # ours: cosine of the angle between the directions to the two jambs, turned round
 
@@ -71,6 +73,20 @@ def divide(
     return roots[numbered], saddles
 
 
+def walls(
+    standing: Bool[np.ndarray, "rows columns"], cell_m: float
+) -> Bool[np.ndarray, "rows columns"]:
+    """What stands without the pieces that are too short for a wall: free-standing objects, and people."""
+    if not standing.any():
+        return standing
+    pieces, _ = ndimage.label(standing, np.ones((3, 3)))
+    long = [
+        max(part.stop - part.start for part in box) * cell_m >= PIECE_M
+        for box in ndimage.find_objects(pieces)
+    ]
+    return np.array([False, *long])[pieces]
+
+
 def _merged(
     saddles: Saddles, one: int, into: int, clearance: Float[np.ndarray, "rows columns"]
 ) -> Saddles:
@@ -96,7 +112,10 @@ def _in_wall(
     jambs = jambs_of(cell, clearance > 0.0, cell_m)
     if jambs is None:
         return False
-    along = (jambs[1] - jambs[0]) / np.hypot(*(jambs[1] - jambs[0]))
+    apart = float(np.hypot(*(jambs[1] - jambs[0])))
+    if apart * cell_m > WIDEST_M + 1e-9:
+        return False
+    along = (jambs[1] - jambs[0]) / apart
     across = np.array([-along[1], along[0]])
     return all(
         _is_wall(jamb, ahead, across, clearance > 0.0, standing, cell_m)

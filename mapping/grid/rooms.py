@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from scipy import ndimage
 
-from .hills import divide, jambs_of, joined
+from .hills import divide, jambs_of, joined, walls
 from .world_map import WorldMap
 
 FREE_BELOW = 0.5  # as for planners: a cell of a lower probability can be walked on
@@ -108,7 +108,7 @@ def find(
         cell_m: Side of a cell, m.
     """
     free = _floor(probability, known, cell_m)
-    standing = known & ~free
+    standing = walls(known & ~free, cell_m)
     clearance = ndimage.distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1] * cell_m
     hills, saddles = joined(*divide(clearance, standing, cell_m), clearance, cell_m)
     numbers = {int(hill): k + 1 for k, hill in enumerate(np.unique(hills[hills > 0]))}

@@ -95,6 +95,22 @@ def test_furniture_that_leaves_a_narrow_passage_parts_no_rooms():
     assert found.doors == ()
 
 
+def test_the_gap_between_two_things_that_stand_alone_is_no_doorway():
+    drawn = Drawing(4.2, 2.2)
+    drawn.box(2.0, 0.4, 2.1, 0.9)
+    drawn.box(2.0, 1.3, 2.1, 1.8)
+    found = drawn.rooms()
+    assert len(found.rooms) == 1
+    assert found.doors == ()
+
+
+def test_an_opening_wider_than_a_doorway_may_be_parts_no_rooms():
+    (door,) = two_rooms(0.9).rooms().doors
+    assert door.width_m <= 0.95 + 1e-9
+    assert two_rooms(1.0).rooms().doors == ()
+    assert len(two_rooms(1.0).rooms().rooms) == 1
+
+
 def test_an_open_door_leaf_hides_no_doorway():
     for swing_deg in (90.0, 105.0, 120.0):
         drawn = two_rooms(0.7)
