@@ -70,9 +70,7 @@ def find(scan: Scan, views: Sequence[tuple[Pose2, Scan]], prior: Gaussian) -> Po
     log = EVIDENCE * nearness + expected
     best = int(np.argmax(log))
     away = offsets - offsets[best]
-    away[:, 2] = (
-        np.remainder(away[:, 2] + math.pi, 2.0 * math.pi) - math.pi
-    )  # half a turn, either way
+    away[:, 2] = np.remainder(away[:, 2] + math.pi, 2.0 * math.pi) - math.pi  # either way
     same = (np.abs(away) / cell * [1.0, 1.0, ARM_M] <= SAME_CELLS).all(axis=1)
     likely, before = np.exp(log - log[best]), np.exp(expected)
     if (
