@@ -62,6 +62,15 @@ class Progress:
 class Verbs(click.Group):
     """Shows every error as one line and exits with the code of its kind."""
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """The words of the command line; a usage error for one that no report could hold."""
+        for word in args:
+            if word != word.encode(errors="replace").decode():
+                raise click.UsageError(
+                    f"{word!r} is not UTF-8; rename the file, or write the value in UTF-8"
+                )
+        return super().parse_args(ctx, args)
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run a verb and translate its exceptions."""
         try:

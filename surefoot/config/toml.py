@@ -88,7 +88,7 @@ def changed(config: C, values: Mapping[str, Any]) -> C:
 
 
 def override(config: C, assignments: Sequence[str]) -> C:
-    """The same configuration with single values changed.
+    """The same configuration with single values changed, all at once: their order does not matter.
 
     Args:
         config: To begin with.
@@ -97,6 +97,7 @@ def override(config: C, assignments: Sequence[str]) -> C:
     Raises:
         ConfigError: An assignment is malformed, its key unknown, its value impossible.
     """
+    changes: dict[str, Any] = {}
     for assignment in assignments:
         name, sign, text = assignment.partition("=")
         keys = [key.strip() for key in name.split(".")]
@@ -110,8 +111,18 @@ def override(config: C, assignments: Sequence[str]) -> C:
             value = text.strip()
         for key in reversed(keys):
             value = {key: value}
-        config = _merge(type(config), config, value, "")
-    return config
+        changes = _joined(changes, value)
+    return _merge(type(config), config, changes, "")
+
+
+def _joined(tables: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
+    """Nested tables of both; where both have a value, that of the others."""
+    both = {
+        key: _joined(tables[key], value)
+        for key, value in others.items()
+        if isinstance(value, dict) and isinstance(tables.get(key), dict)
+    }
+    return tables | others | both
 
 
 def dumps(config: Any) -> str:

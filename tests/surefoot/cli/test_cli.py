@@ -209,6 +209,20 @@ def test_what_the_system_refuses_is_one_line_and_no_fault_of_the_program(monkeyp
     assert "unexpected IndexError" in call("doctor")[1]
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("simulate", "empty", "--out", "bad\udcff"),
+        ("simulate", "empty", "--set", "scene=\udcff"),
+        ("batch", "process", "bad\udcff"),
+    ],
+)
+def test_what_no_report_can_hold_is_refused_before_the_work(words):
+    code, output = call(*words)
+    assert code == BAD_INPUT
+    assert r"\udcff' is not UTF-8; rename the file" in output
+
+
 def test_an_unknown_key_in_a_file_is_named_with_the_file(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text("[grid]\ncel_m = 0.1\n")

@@ -90,6 +90,28 @@ def test_single_values_change_on_the_command_line_and_nothing_else_does():
     assert dataclasses.replace(config.robot, stereo=True) == Config().robot
 
 
+@pytest.mark.parametrize(
+    "pair",
+    [
+        ("grid.cell_m=0.02", "grid.side_m=3.50"),
+        ("univector.mode=seed", "mission.planner=field"),
+        ("gait.cruise_mps=0.3", "gait.max_speed_mps=0.4"),
+        ("reach.tof.nearest_m=4.0", "reach.tof.farthest_m=5.0"),
+        ("reach.tof={nearest_m=4.0}", "reach.tof.farthest_m=5.0"),
+    ],
+)
+def test_single_values_are_checked_together_in_any_order(pair):
+    assert load(None, pair) == load(None, pair[::-1])
+    with pytest.raises(ConfigError, match=pair[0].split(".")[0]):
+        load(None, pair[:1])
+
+
+def test_of_two_values_of_one_setting_the_later_one_counts():
+    assert load(None, ["seed=1", "seed=2"]).seed == 2
+    with pytest.raises(ConfigError, match=r"grid=3: expected a table \[grid\]"):
+        load(None, ["grid.cell_m=0.05", "grid=3"])
+
+
 def test_a_file_that_is_not_toml_is_named(tmp_path):
     path = tmp_path / "broken.toml"
     path.write_text("[grid\n")
