@@ -5,7 +5,7 @@ distance to the plane there and the difference of grey values, from the coarsest
 Without colour, depth alone is used.
 
 Source: Newcombe et al. 2011 (point to plane, projective association); Steinbrücker et al. 2011 (grey values);
-Huber 1964. The choice among initial poses by overlap off the floor and the covariance factor are ours.
+Huber 1964. The choice among initial poses and the covariance factor are ours.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
 from ..primitives.settings import setting
 from . import _align_kernels as kernels
+from .likelihood import COMMON_PX, likelier, residuals
 from .pyramid import Level, Pyramid
 
 METHODS = ("hybrid", "depth")
@@ -31,7 +32,6 @@ FINEST_GATE_M = 0.03  # ours: and at the end
 GREY_SIGMA = 10.0  # ours: of 255, at the start; estimated from the residuals afterwards
 CONVERGED = 1e-4  # m and rad: a smaller step is the last one of its level
 KEPT = 3  # ours: initial poses that are carried from the coarsest level to the next
-COMMON_PX = 15.0  # ours: neighbouring pixels with one common error; NEES of 6 with depth noise
 # Errors that are a share of the motion: of the focal length (ours: half a percent once calibrated), and of the
 # depth scale (ours: a share of the bend, so that both are 1 % for the published bend of an RGB-D camera at 2 m)
 LENS_WARP = 0.005
@@ -93,22 +93,24 @@ def align(
         target: The image that is held fixed; its planes are computed if they are not yet.
         source: The image that is moved.
         starts: Initial values of T_target_source. All are refined on the coarsest level; those with the best
-            overlap off the floor are carried on.
+            overlap off the floor are carried on, and first the one that explains the images better than these.
         config: Method; the defaults if None.
 
     Returns:
         None if the images do not determine a motion.
     """
     config = config or AlignConfig()
-    present = target.has_grey and source.has_grey and config.method == "hybrid"
-    grey_sigma = GREY_SIGMA if present else 0.0
+    grey_sigma = GREY_SIGMA if _with_grey(target, source, config) else 0.0
     tried = [(0.0, start.matrix, np.array([grey_sigma, 0.0])) for start in starts]
     for number in range(len(source.levels) - 1, -1, -1):
         refined = []
         for _, T, light in tried:
             totals = _refine(target, source, number, T, light)
             refined.append((_overlap(totals), T, light))
-        tried = _best(refined, KEPT if number > 1 else 1)
+        distinct = _distinct(refined)
+        leader = _likeliest(target, source, [T for _, T, _ in distinct], grey_sigma > 0.0)
+        ranked = [distinct[leader], *distinct[:leader], *distinct[leader + 1 :]]
+        tried = ranked[: KEPT if number > 1 else 1]
     _, T, light = tried[0]
     return evaluate(target, source, T, light)
 
@@ -116,15 +118,44 @@ def align(
 _Try = tuple[float, np.ndarray, np.ndarray]
 
 
-def _best(refined: list[_Try], most: int) -> list[_Try]:
-    """The candidates with the best overlap, best first, without duplicates."""
+def same(T: Float[np.ndarray, "4 4"], other: Float[np.ndarray, "4 4"]) -> bool:
+    """True if two estimates of a motion differ by their refinement only."""
+    return not np.max(np.abs(T - other)) > SAME  # also what is not a number
+
+
+def _distinct(refined: list[_Try]) -> list[_Try]:
+    """The candidates without duplicates, that with the best overlap first."""
     kept: list[_Try] = []
     for one in sorted(refined, key=lambda one: -one[0]):
-        if all(np.max(np.abs(one[1] - other[1])) > SAME for other in kept):
+        if not any(same(one[1], other[1]) for other in kept):
             kept.append(one)
-        if len(kept) == most:
-            break
     return kept
+
+
+def _likeliest(
+    target: Pyramid, source: Pyramid, motions: Sequence[np.ndarray], with_grey: bool
+) -> int:
+    """Number of the motion that explains the images best; the first one in doubt."""
+    if len(motions) == 1:
+        return 0
+    found = [residuals(target, source, Pose3.from_matrix(T), with_grey) for T in motions]
+    best = 0
+    for number in range(1, len(found)):
+        if likelier(found[number], found[best]):
+            best = number
+    return best
+
+
+def explains_better(
+    target: Pyramid, source: Pyramid, motion: Pose3, other: Pose3, config: AlignConfig
+) -> bool:
+    """True if the images are likelier with `motion` than with `other`, and not by chance."""
+    pair = [other.matrix, motion.matrix]
+    return _likeliest(target, source, pair, _with_grey(target, source, config)) == 1
+
+
+def _with_grey(target: Pyramid, source: Pyramid, config: AlignConfig) -> bool:
+    return target.has_grey and source.has_grey and config.method == "hybrid"
 
 
 def evaluate(

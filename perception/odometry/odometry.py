@@ -19,7 +19,7 @@ from jaxtyping import Float
 from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
 from ..primitives.settings import setting
-from .alignment import AlignConfig, Alignment
+from .alignment import AlignConfig, Alignment, explains_better, same
 from .baselines import Aligner, aligner
 from .hypotheses import rotation_starts
 from .pyramid import CompressedImage, Pyramid, compress
@@ -31,6 +31,7 @@ LOST, RESTARTED = "lost", "restarted"
 SURE_FITTING = 0.93  # a smaller share of inliers: other initial poses are tried
 SURE_CONTRADICTING = 0.02  # a larger share of contradicting points: likewise
 SURE_VISIBLE = 0.80  # a smaller share in view was a large step: likewise
+SURE_JUMP_M = 0.10  # a larger distance from constant velocity: likewise
 LEAST_FITTING = 0.70  # a smaller share of inliers: lost
 MOST_CONTRADICTING = 0.10  # a larger share of contradicting points: lost
 MOST_SIGMA_M = 0.05  # a larger standard deviation of the step: lost
@@ -228,20 +229,30 @@ class Odometry:
         return reference
 
     def _align_from_motion(self, reference: Reference, image: Pyramid) -> Alignment | None:
-        """Align from constant velocity and from rest; if that is poor, from rotated initial poses too."""
+        """Align from constant velocity and from rest; if that is poor, from rotated initial poses too.
+
+        An alignment that fits stays unless a distinct one explains the images better.
+        """
         last = reference.T_start_camera.inverse() @ self._pose
         moving = last @ self._velocity
         starts = [moving, last]
         pyramid = reference.pyramid
         aligned = self._align(pyramid, image, starts, self._align_config)
-        if self._sure(aligned):
-            return aligned
+        if aligned is not None and self._sure(aligned):
+            jump = aligned.motion.position - moving.position
+            if float(np.linalg.norm(jump)) <= SURE_JUMP_M:
+                return aligned
         for around in (last, moving):
             starts += rotation_starts(pyramid, around)
         other = self._align(pyramid, image, starts, self._align_config)
-        if other is None or (aligned is not None and aligned.overlap >= other.overlap):
-            return aligned
-        return other
+        if aligned is None or other is None:
+            return aligned or other
+        if self._fits(aligned) and not same(aligned.motion.matrix, other.motion.matrix):
+            found, kept = other.motion, aligned.motion
+            better = explains_better(pyramid, image, found, kept, self._align_config)
+        else:
+            better = other.overlap > aligned.overlap
+        return other if better else aligned
 
     def _relocalise(self, image: Pyramid) -> tuple[Reference, Alignment] | None:
         """The first reliable alignment with the latest reference or some of the others, in turn."""
@@ -260,10 +271,12 @@ class Odometry:
         return (
             self._acceptable(aligned)
             and aligned is not None
-            and aligned.fitting >= SURE_FITTING
-            and aligned.contradicting <= SURE_CONTRADICTING
+            and self._fits(aligned)
             and aligned.visible >= SURE_VISIBLE
         )
+
+    def _fits(self, aligned: Alignment) -> bool:
+        return aligned.fitting >= SURE_FITTING and aligned.contradicting <= SURE_CONTRADICTING
 
     def _acceptable(self, aligned: Alignment | None) -> bool:
         return (

@@ -101,6 +101,20 @@ def test_a_covered_lens_is_reported_as_lost_and_the_camera_is_relocalised() -> N
     assert off(back.T_start_camera, at(0.0, -1.0, 0.0).inverse() @ at(0.08, -1.0, 3.0)) < 0.03
 
 
+@pytest.mark.parametrize(
+    ("heading_deg", "turn_deg"), [(90.0, 12.0), (90.0, -12.0), (180.0, 12.0), (-90.0, -16.0)]
+)
+def test_a_fast_turn_before_a_textured_wall_is_no_slide_along_it(
+    heading_deg: float, turn_deg: float
+) -> None:
+    rng, odometry = np.random.default_rng(1), Odometry()
+    turned = heading_deg + turn_deg
+    poses = [at(0.0, -1.0, heading_deg), at(0.02, -1.0, heading_deg), at(0.04, -1.0, turned)]
+    steps = [odometry.track(room(pose, rng)) for pose in poses]
+    assert [step.state for step in steps] == [FIRST, TRACKED, TRACKED]
+    assert off(steps[-1].T_start_camera, poses[0].inverse() @ poses[-1]) < 0.01
+
+
 def test_an_image_of_another_place_is_lost() -> None:
     rng, odometry = np.random.default_rng(2), Odometry()
     odometry.track(room(at(0.0, -1.0, 0.0), rng))
