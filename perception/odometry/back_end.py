@@ -82,6 +82,8 @@ class BackEnd:
         placed = step.state not in (LOST, RESTARTED)
         if image.floor is not None and self._T_world_start is None and placed:
             self._T_world_start = camera_above_floor(image.floor) @ step.T_start_camera.inverse()
+        if number > 0:
+            self._hold(step.reference)
         if not is_reference:
             return
         if step.state != FIRST:
@@ -92,6 +94,14 @@ class BackEnd:
         place = describe(number, image, self.config.places)
         self._close(place, image, step)
         self.places.append(place)
+
+    def _hold(self, number: int) -> None:
+        """Add an image to the graph that became a reference only when the next one could not be aligned."""
+        if number in self._at:
+            return
+        step = self._steps[number]
+        self._at[number] = step.T_start_camera
+        self.factors.append(Motion(step.reference, number, step.motion, step.covariance))
 
     def solve(self) -> Solution | None:
         """Poses of all references in the upright world; None if there is only one."""

@@ -22,6 +22,7 @@ from perception.odometry.odometry import (
     OdometryConfig,
 )
 from perception.odometry.place_recognition import describe, motion_between
+from perception.odometry.pose_uncertainty import compounded
 from perception.odometry.pyramid import Pyramid, build
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
@@ -113,6 +114,27 @@ def test_a_fast_turn_before_a_textured_wall_is_no_slide_along_it(
     steps = [odometry.track(room(pose, rng)) for pose in poses]
     assert [step.state for step in steps] == [FIRST, TRACKED, TRACKED]
     assert off(steps[-1].T_start_camera, poses[0].inverse() @ poses[-1]) < 0.01
+
+
+def test_an_image_that_becomes_a_reference_after_a_loss_is_part_of_the_graph() -> None:
+    rng = np.random.default_rng(1)
+    odometry, back_end = Odometry(), BackEnd(np.random.default_rng(0))
+    dark = DepthView(np.full((240, 320), np.nan, np.float32), CAMERA)
+    covered = build(structured_light.depth(dark), np.zeros((240, 320, 3), np.uint8))
+    first, second, third = (room(at(0.03 * n, -1.0, n), rng) for n in range(3))
+    steps = []
+    for n, image in enumerate((first, second, covered, third)):
+        steps.append(odometry.track(image))
+        back_end.take(steps[-1], image, odometry.references[-1].number == n)
+    assert [step.state for step in steps] == [FIRST, TRACKED, LOST, TRACKED]
+    assert steps[3].reference == 1
+    claims = back_end.uncertainty(back_end.solve(), np.zeros((6, 6)))
+    assert claims is not None
+    before = steps[1].covariance
+    whole = compounded(before, steps[1].motion, steps[3].motion, steps[3].covariance)
+    np.testing.assert_allclose(claims.from_start[1], before, rtol=1e-3, atol=1e-10)
+    np.testing.assert_allclose(claims.from_start[3], whole, rtol=1e-3, atol=1e-10)
+    assert np.isnan(claims.from_start[2]).all()
 
 
 def test_an_image_of_another_place_is_lost() -> None:
