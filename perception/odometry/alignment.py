@@ -118,11 +118,16 @@ def align(
 _Try = tuple[float, np.ndarray, np.ndarray]
 
 
+def same(T: Float[np.ndarray, "4 4"], other: Float[np.ndarray, "4 4"]) -> bool:
+    """True if two estimates of a motion differ by their refinement only."""
+    return not np.max(np.abs(T - other)) > SAME  # also what is not a number
+
+
 def _distinct(refined: list[_Try]) -> list[_Try]:
     """The candidates without duplicates, that with the best overlap first."""
     kept: list[_Try] = []
     for one in sorted(refined, key=lambda one: -one[0]):
-        if all(np.max(np.abs(one[1] - other[1])) > SAME for other in kept):
+        if not any(same(one[1], other[1]) for other in kept):
             kept.append(one)
     return kept
 

@@ -43,6 +43,13 @@ LEAST_VISIBLE = 0.35  # ours: a smaller overlap may be a single edge
 FLOOR_FACTOR = 10.0  # ours: floor errors are correlated over about ten images
 
 
+def world_by_floor(step: Step, image: Pyramid) -> Pose3 | None:
+    """The first image in the upright world that an image's floor defines; None without a floor or a known pose."""
+    if image.floor is None or step.state in (LOST, RESTARTED):
+        return None
+    return camera_above_floor(image.floor) @ step.T_start_camera.inverse()
+
+
 @dataclass(frozen=True)
 class BackEndConfig:
     """Place recognition."""
@@ -79,9 +86,7 @@ class BackEnd:
         """Add the step of the next image; `is_reference` if later images are aligned with it."""
         number = len(self._steps)
         self._steps.append(step)
-        placed = step.state not in (LOST, RESTARTED)
-        if image.floor is not None and self._T_world_start is None and placed:
-            self._T_world_start = camera_above_floor(image.floor) @ step.T_start_camera.inverse()
+        self._T_world_start = self._T_world_start or world_by_floor(step, image)
         if number > 0:
             self._hold(step.reference)
         if not is_reference:

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
 from ..primitives.settings import setting
-from .alignment import AlignConfig, Alignment, explains_better
+from .alignment import AlignConfig, Alignment, explains_better, same
 from .baselines import Aligner, aligner
 from .hypotheses import rotation_starts
 from .pyramid import CompressedImage, Pyramid, compress
@@ -231,7 +231,7 @@ class Odometry:
     def _align_from_motion(self, reference: Reference, image: Pyramid) -> Alignment | None:
         """Align from constant velocity and from rest; if that is poor, from rotated initial poses too.
 
-        An acceptable alignment stays unless another one explains the images better.
+        An alignment that fits stays unless a distinct one explains the images better.
         """
         last = reference.T_start_camera.inverse() @ self._pose
         moving = last @ self._velocity
@@ -247,7 +247,7 @@ class Odometry:
         other = self._align(pyramid, image, starts, self._align_config)
         if aligned is None or other is None:
             return aligned or other
-        if self._acceptable(aligned):
+        if self._fits(aligned) and not same(aligned.motion.matrix, other.motion.matrix):
             found, kept = other.motion, aligned.motion
             better = explains_better(pyramid, image, found, kept, self._align_config)
         else:
@@ -271,10 +271,12 @@ class Odometry:
         return (
             self._acceptable(aligned)
             and aligned is not None
-            and aligned.fitting >= SURE_FITTING
-            and aligned.contradicting <= SURE_CONTRADICTING
+            and self._fits(aligned)
             and aligned.visible >= SURE_VISIBLE
         )
+
+    def _fits(self, aligned: Alignment) -> bool:
+        return aligned.fitting >= SURE_FITTING and aligned.contradicting <= SURE_CONTRADICTING
 
     def _acceptable(self, aligned: Alignment | None) -> bool:
         return (

@@ -15,7 +15,6 @@ from ..depth import points, structured_light
 from ..depth.structured_light import StructuredLightConfig
 from ..floor import choose
 from ..floor.choose import FloorConfig
-from ..floor.levelling import camera_above_floor
 from ..floor.prior import handheld_prior
 from ..primitives.errors import InputError
 from ..primitives.frame import Depth, Frame
@@ -25,10 +24,10 @@ from ..primitives.settings import setting
 from ..smoothing.smoother import Solution
 from .alarm import Alarm, AlarmConfig
 from .alignment import AlignConfig
-from .back_end import BackEnd, BackEndConfig
-from .odometry import LOST, Odometry, OdometryConfig, Step
+from .back_end import BackEnd, BackEndConfig, world_by_floor
+from .odometry import Odometry, OdometryConfig, Step
 from .pose_uncertainty import PoseUncertainty
-from .pyramid import Pyramid, PyramidConfig, build
+from .pyramid import PyramidConfig, build
 from .view_errors import ViewErrorSize
 
 FLOOR_REACH_M = (0.3, 6.0)  # the range of RGB-D cameras
@@ -118,7 +117,7 @@ class Odometer:
         if self.back_end is not None:
             is_reference = self.odometry.references[-1].number == len(self.states)
             self.back_end.take(step, image, is_reference)
-        self._level(image, step)
+        self._T_world_start = self._T_world_start or world_by_floor(step, image)
         self.states.append(step.state)
         self.failures.append(self._alarm.note(step, image))
         return step
@@ -140,8 +139,3 @@ class Odometer:
         seen = points.from_depth(depth, *FLOOR_REACH_M, FLOOR_STRIDE)
         found = choose.find(seen, handheld_prior(None), self._rng, self._floor_config, sensor)
         return None if found is None else found.plane
-
-    def _level(self, image: Pyramid, step: Step) -> None:
-        """The first floor that is found defines the vertical and height zero."""
-        if self._T_world_start is None and image.floor is not None and step.state != LOST:
-            self._T_world_start = camera_above_floor(image.floor) @ step.T_start_camera.inverse()

@@ -167,7 +167,13 @@ class RunRecorder:
         """Notes for the user on how the recording was used."""
         seen = f"floor seen in {self._floor_seen} of {self.frames} frames"
         notes = [*([] if self._info.levels else [seen]), *self.status_notes()]
-        if not self._poses.rows:
+        if self._poses.rows:
+            return tuple(notes)
+        if self._info.poses_given and self._info.gravity_up_world is None:
+            notes.append(
+                "the recording has poses, but no vertical: no floor was found; give world.up"
+            )
+        else:
             notes.append(
                 "the recording has neither poses nor footsteps: frames are processed independently, "
                 "and the map shows the last frame only"

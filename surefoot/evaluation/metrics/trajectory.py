@@ -16,6 +16,8 @@ from scipy.spatial.transform import Rotation
 from ...results.tables import Trajectory
 
 MAX_DIFFERENCE_S = 0.01  # as evo: stamps further apart do not match
+# ours: true positions that spread less across their main direction leave the rotation to errors of millimetres
+LEAST_SPREAD_M = 0.10
 
 
 @dataclass(frozen=True)
@@ -173,7 +175,8 @@ def trajectory_metrics(
     Returns:
         Without alignment: position_rmse_m, position_max_m, heading_rmse_deg and heading_max_deg in the
         horizontal plane, position_rmse_3d_m in space. After rigid alignment: ate_m (also with _mean, _median, _std,
-        _min, _max before the unit, and ate_sse_m2), ate_deg (rotation). After alignment with scale: ate_scaled_m,
+        _min, _max before the unit, and ate_sse_m2), ate_deg (rotation, see
+        `rotation_errors`). After alignment with scale: ate_scaled_m,
         scale. After planar alignment: ate_floor_m. Relative errors over one
         second: rpe_1s_m, rpe_1s_deg. Number of pairs: matched_poses. A figure whose alignment is not
         determined is absent.
@@ -206,16 +209,36 @@ def trajectory_metrics(
             figures["scale"] = alignment.scale
         elif d == 3:
             figures |= _spread_of(left)
-            turned = Rotation.from_matrix(alignment.rotation) * Rotation.from_quat(
-                estimate.quats_xyzw
+            figures["ate_deg"] = float(
+                np.degrees(rms(rotation_errors(estimate, reference, alignment)))
             )
-            apart = (Rotation.from_quat(reference.quats_xyzw).inv() * turned).magnitude()
-            figures["ate_deg"] = float(np.degrees(rms(np.asarray(apart))))
     pairs = pairs_apart(estimate.stamps, 1.0)
     if len(pairs[0]):
         lengths, angles = relative_errors(estimate, reference, pairs)
         figures["rpe_1s_m"], figures["rpe_1s_deg"] = rms(lengths), float(np.degrees(rms(angles)))
     return figures
+
+
+def rotation_errors(
+    estimate: Trajectory, reference: Trajectory, alignment: Alignment
+) -> Float[np.ndarray, "n"]:
+    """Angles between the orientations after alignment, rad.
+
+    The trajectory is turned by the alignment of positions, as evo does. A camera that moves along a line or hardly
+    at all does not determine that turn: where the second principal standard deviation of the true positions is
+    below `LEAST_SPREAD_M`, it is turned by the mean rotation between the orientations instead.
+
+    Args:
+        estimate, reference: Poses at the same instants.
+        alignment: Of the positions.
+    """
+    mine, theirs = (Rotation.from_quat(one.quats_xyzw) for one in (estimate, reference))
+    centred = reference.positions - reference.positions.mean(axis=0)
+    spread = np.linalg.svd(centred, compute_uv=False)[1] / np.sqrt(len(centred))
+    turn = Rotation.from_matrix(alignment.rotation)
+    if spread < LEAST_SPREAD_M:
+        turn = (theirs * mine.inv()).mean()
+    return np.asarray((theirs.inv() * turn * mine).magnitude())
 
 
 def _spread_of(lengths: Float[np.ndarray, "n"]) -> dict[str, float]:

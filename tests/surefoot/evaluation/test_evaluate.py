@@ -144,6 +144,22 @@ def test_a_known_offset_appears_as_the_error():
     assert trajectory_metrics(upright, upright)["rpe_1s_m"] == 0.0
 
 
+@pytest.mark.parametrize("size_m", [(0.02, 0.02, 0.02), (3.0, 0.01, 0.01)])
+def test_positions_that_determine_no_rotation_do_not_spoil_its_error(size_m):
+    rng = np.random.default_rng(1)
+    positions = rng.normal(size=(60, 3)) * size_m
+    turns = Rotation.random(60, rng)
+    errors = Rotation.from_rotvec(np.radians(0.01) * rng.normal(size=(60, 3)))
+    shift = Rotation.from_euler("zx", [40.0, 10.0], degrees=True)
+    noise = 0.002 * rng.normal(size=(60, 3))
+    stamps = 0.5 * np.arange(60)
+    truth = Trajectory(stamps, positions, turns.as_quat())
+    found = Trajectory(stamps, shift.apply(positions + noise), (shift * turns * errors).as_quat())
+    figures = trajectory_metrics(found, truth)
+    true_deg = float(np.degrees(rms(errors.magnitude())))
+    assert figures["ate_aligned_deg"] == pytest.approx(true_deg, rel=0.05)
+
+
 @given(seeds, st.floats(0.2, 5.0), st.sampled_from([2, 3]))
 def test_alignment_finds_the_transform_that_was_applied(seed, scale, d):
     rng = np.random.default_rng(seed)

@@ -7,6 +7,7 @@ import signal
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -79,6 +80,26 @@ def test_a_stereo_pair_without_poses_is_followed_by_its_own_odometry(recordings,
     found = read_tum(tmp_path / "run" / "trajectory.txt")
     assert len(found) == 7
     assert np.abs(found.positions - found.positions[0]).max() < 0.02  # the rig stands still
+
+
+def test_given_poses_without_a_vertical_are_not_called_missing(tmp_path):
+    recording = tmp_path / "wall"
+    (recording / "depth").mkdir(parents=True)
+    for n in range(2):
+        wall = np.full((60, 80), 1500, np.uint16)
+        cv2.imwrite(str(recording / "depth" / f"{n}.png"), wall)
+    (recording / "stamps.txt").write_text("0.0\n0.1\n")
+    (recording / "poses.txt").write_text("0.0 0 0 0 0 0 0 1\n0.1 0 0 0.1 0 0 0 1\n")
+    (recording / "recording.toml").write_text(
+        'stamps = "stamps.txt"\n'
+        "[camera]\nwidth = 80\nheight = 60\nfx = 60.0\nfy = 60.0\ncx = 40.0\ncy = 30.0\n"
+        '[depth]\nfolder = "depth"\nscale_per_metre = 1000\nnone = [0]\n'
+        '[poses]\nfile = "poses.txt"\naxes = "optical"\n'
+    )
+    notes = " ".join(process(recording, None, Config(), tmp_path / "run", quiet).notes)
+    assert "neither poses" not in notes
+    assert "poses, but no vertical" in notes
+    assert "world.up" in notes
 
 
 def test_a_walking_body_keeps_its_planar_trajectory(tmp_path):
