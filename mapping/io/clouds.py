@@ -26,6 +26,7 @@ from .atomic_write import atomic_path
 logger = logging.getLogger(__name__)
 
 FIRST_CAPACITY = 1 << 14  # voxels
+FINEST_M = 0.001  # ours: of a voxel; a finer grid only fills the memory
 MOST_M = 1e4  # ours: of a coordinate that is read
 
 
@@ -44,8 +45,8 @@ class CloudConfig:
     )
 
     def __post_init__(self) -> None:
-        if not self.voxel_m > 0.0:
-            raise ConfigError(f"cloud: voxel_m={self.voxel_m} must be positive")
+        if not self.voxel_m >= FINEST_M:
+            raise ConfigError(f"cloud: voxel_m={self.voxel_m} must be at least {FINEST_M} m")
         if self.most_voxels < 8:
             raise ConfigError(f"cloud: most_voxels={self.most_voxels} must be at least 8")
 

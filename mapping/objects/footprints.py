@@ -62,6 +62,10 @@ class FootprintConfig:
             raise ConfigError(f"footprints: gap_m={self.gap_m} must be at least {CELL_M}")
         if self.least_points < 3:
             raise ConfigError(f"footprints: least_points={self.least_points} must be at least 3")
+        if self.least_sightings < 1:
+            raise ConfigError(
+                f"footprints: least_sightings={self.least_sightings} must be at least 1"
+            )
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ from .meshes import Mesh
 
 METHODS = ("compiled", "open3d")
 NEAREST_M = 0.2  # ours: depth cameras are wrong at shorter range
+FINEST_M = 0.002  # ours: of a voxel, as --voxel; a finer grid only fills the memory
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,8 @@ class TsdfConfig:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"tsdf: {name}={value} must be positive and finite")
-
+        if self.voxel_m < FINEST_M:
+            raise ConfigError(f"tsdf: voxel_m={self.voxel_m} must be at least {FINEST_M} m")
         if not self.farthest_m > NEAREST_M:
             raise ConfigError(f"tsdf: farthest_m={self.farthest_m} must exceed {NEAREST_M} m")
 

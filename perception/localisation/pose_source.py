@@ -6,10 +6,12 @@ poses) and `odometry.odometry_poses` (a hand-held camera without poses). The pip
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+from ..primitives.errors import ConfigError
 from ..primitives.frame import Frame
 from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Sighting
@@ -38,6 +40,12 @@ class PriorConfig:
     longest_step_m: float = 0.15  # ours: the gait makes 0.08; longest plausible step; step odometry beyond it is ignored
     joints_height_m: float = 0.01  # ours: sole compliance and bumps
     start_deg: float = 1.0  # ours: standard deviation of the start heading
+
+    def __post_init__(self) -> None:
+        for name in ("joints_tilt_deg", "given_position_m"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"prior: {name}={value} must be positive and finite")
 
 
 @dataclass(frozen=True)

@@ -80,10 +80,10 @@ class GuardConfig:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"guard: {name}={value} must be positive and finite")
-        if not (math.isfinite(self.following_cost) and self.following_cost >= 0.0):
-            raise ConfigError(
-                f"guard: following_cost={self.following_cost} must be finite and not negative"
-            )
+        for name in ("margin_m", "sigmas", "following_cost"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ConfigError(f"guard: {name}={value} must be finite and not negative")
         if not 0.0 < self.risk <= 1.0:
             raise ConfigError(f"guard: risk={self.risk} must lie in (0, 1]")
         if not 0.0 <= self.keep_share < 1.0:

@@ -52,10 +52,12 @@ class SearchConfig:
             raise ConfigError(f"search: margin_m={self.margin_m} must be a positive length in m")
         if not (math.isfinite(self.alpha) and self.alpha >= 0.0):
             raise ConfigError(f"search: alpha={self.alpha} must be finite and not negative")
-        for name in ("p_unknown", "p_solid"):
-            value = getattr(self, name)
-            if not 0.0 <= value <= 1.0:
-                raise ConfigError(f"search: {name}={value} must be a probability in [0, 1]")
+        if not 0.0 <= self.p_unknown <= 1.0:
+            raise ConfigError(f"search: p_unknown={self.p_unknown} must be a probability in [0, 1]")
+        if not 0.0 < self.p_solid <= 1.0:
+            raise ConfigError(
+                f"search: p_solid={self.p_solid} must lie in (0, 1]; with 0 every known cell would block"
+            )
 
 
 BODY_M = 0.16  # r_b; ours: radius of a DARwIn-OP
