@@ -77,7 +77,7 @@ def track_of_detections():
 
 
 def depth_image():
-    """Depth of a floor 0.9 m below a level camera that looks 27 degrees down, a box on it 1.4 m ahead."""
+    """Depth of a floor 0.9 m below a level camera that looks 27 degrees down, an upright board on it 1.4 m ahead."""
     v, u = np.mgrid[0 : CAMERA.height, 0 : CAMERA.width]
     right, down = (u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy
     tilt = 0.47

@@ -184,8 +184,8 @@ def test_the_uses_of_arrays_find_what_was_put_in():
 
     floor = library_arrays.floor_of_a_depth_image()
     assert floor.offset_m == pytest.approx(library_arrays.HEIGHT_M, abs=0.01)
-    (box,) = library_arrays.obstacles_of_a_depth_image()
-    assert box.centre == pytest.approx([1.48, 0.0], abs=0.05)
+    (board,) = library_arrays.obstacles_of_a_depth_image()
+    assert board.centre == pytest.approx([1.4, 0.0], abs=0.02)
     assert library_arrays.depth_of_a_stereo_pair() == pytest.approx(1.0, abs=0.02)
     (footprint,) = library_arrays.footprints_of_a_point_cloud()
     assert footprint.box is not None

@@ -123,6 +123,6 @@ def _row(row: Mapping[str, Any], unusual: float, columns: Sequence[Column]) -> s
     return f"<tr>{''.join(cells)}</tr>"
 
 
-def _number(value: float | None, shown: str, scale: float, marked: bool = False) -> str:
+def _number(value: float | int | None, shown: str, scale: float, marked: bool = False) -> str:
     text = "" if value is None or math.isnan(value) else shown.format(scale * value)
     return f'<td class="number{" bad" if marked else ""}">{text}</td>'

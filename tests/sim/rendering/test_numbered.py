@@ -10,7 +10,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, SurefootError
 from perception.primitives.pose import Pose2, Pose3, head_rotation
 from sim.rendering.numbered import NumberedScene
-from sim.rendering.renderer import choose_renderer
+from sim.rendering.renderer import Renderer, choose_renderer
 from sim.robot_config import RobotConfig
 from sim.scene import FloorArea, MovingObject, Scene, StaticObject
 from sim.scenes import catalogue
@@ -118,7 +118,7 @@ def test_ranges_in_a_home_agree_with_ray_casting(renderer):
 
 
 def test_the_numbers_of_many_objects_take_memory_in_proportion():
-    class Shown:
+    class Shown(Renderer):
         def __init__(self):
             self.pixels = 0
 

@@ -25,7 +25,6 @@ def walks():
     with pytest.MonkeyPatch.context() as patch:
         for riser_m in (0.08, 0.25):
             patch.setattr(stairs, "terrain", lambda kind, seed, r=riser_m: kerb(r))
-            patch.setattr(stairs_walk, "MOST_STEPS", 40)
             patch.setattr(stairs_walk, "MODEL", str(CLIMBER))
             found[riser_m] = stairs_walk.walk(0)
     return found
