@@ -127,7 +127,7 @@ class SkipLog:
         """
         fault = _impossible(stamp_s, may_go_back)
         if fault:
-            raise FrameError(f"the stamp {fault}")
+            raise FrameError(fault)
         if stamp_s == self._stamp_s:
             raise FrameError("the stamp equals that of the frame before")
         if may_go_back:
@@ -137,12 +137,10 @@ class SkipLog:
         late = bool(after) and all(before_s <= one < stamp_s for one in after)
         if late or stamp_s < before_s:
             self._out_of_order += 1
-            fault = (
-                "later than those of the frames after"
-                if late
-                else "earlier than that of the frame before"
-            )
-            raise FrameError(f"the stamp is {fault}")
+        if late:
+            raise FrameError("the stamp is later than those of the frames after")
+        if stamp_s < before_s:
+            raise FrameError("the stamp is earlier than that of the frame before")
 
     def note(self, stamp_s: float) -> None:
         """Record a frame that is returned."""
@@ -183,7 +181,9 @@ def with_following(
 def _impossible(stamp_s: float, may_be_negative: bool = False) -> str:
     """What is wrong with a stamp by itself; empty if nothing is."""
     if not np.isfinite(stamp_s):
-        return "is not a number"
+        return "the stamp is not a number"
     if stamp_s > LAST_STAMP_S:
-        return "is beyond the year 2499; s were expected, not ms or ns"
-    return "is negative; 0 or more was expected" if stamp_s < 0.0 and not may_be_negative else ""
+        return "the stamp is beyond the year 2499; s were expected, not ms or ns"
+    if stamp_s < 0.0 and not may_be_negative:
+        return "the stamp is negative; 0 or more was expected"
+    return ""

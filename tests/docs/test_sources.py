@@ -47,9 +47,6 @@ def test_every_reason_for_a_skipped_frame_in_the_how_to_is_one_that_a_reader_giv
     readers = "".join(
         p.read_text(encoding="utf-8") for p in (ROOT / "surefoot" / "recordings").glob("*.py")
     )
-    readers = (
-        readers.replace("{fault} that", "that") + '"the stamp equals" "the stamp is earlier than"'
-    )
     section = (
         (DOCS / "howto" / "recording.md")
         .read_text(encoding="utf-8")

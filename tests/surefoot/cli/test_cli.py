@@ -360,6 +360,15 @@ def test_the_recording_toml_of_the_readme_works_as_pasted(tmp_path):
     assert "30 frames per second assumed" in shown
 
 
+def test_a_panorama_says_which_frames_were_skipped(tmp_path):
+    blocks = re.findall(r"```toml\n(.*?)```", README.read_text(), re.DOTALL)
+    (example,) = [block for block in blocks if "[depth]" in block]
+    folder = floor_folder(tmp_path / "frames", example, (640, 480), frames=3)
+    (folder / "depth" / "0001.png").write_bytes(b"")
+    _, shown = call("panorama", folder, "--out", tmp_path / "run")
+    assert "skipped 1: depth image is an empty file\n" in shown
+
+
 @pytest.mark.parametrize(
     ("verb", "words", "expected", "ends"),
     [
