@@ -49,7 +49,10 @@ SHAPE_PER_M = (
     0.6  # ours: centre error of a flat, round or angular front is this times radius squared, m
 )
 SEEN = 0.4  # ours: share of that error where both edges are seen
-SLICE_M = 0.02  # ours: of the depth of an object whose top is seen
+SLICE_M, SLICE_POINTS = (
+    0.02,
+    3,
+)  # ours: of the depth of an object whose top is seen; fewer points are flying pixels
 LEAST_SLOPE = 0.15  # ours: of the line of sight to a top that shows its far edge
 PLACE_SIGMA_M = 0.004  # ours: error common to all points of an object, at the sensor
 PLACE_SIGMA_PER_M = 0.006  # ours: its growth with range; half a pixel at either edge
@@ -374,7 +377,8 @@ def _middle_of_evenly_spread(along: Float[np.ndarray, "n"]) -> float:
     slices = np.floor(along / SLICE_M).astype(np.int64)
     slices -= slices.min()
     counts = np.bincount(slices)
-    weights = np.where(counts >= CELL_POINTS, 1.0, 0.0)[slices] / counts[slices]
+    enough = counts >= min(SLICE_POINTS, int(counts.max()))
+    weights = enough[slices] / counts[slices]
     order = np.argsort(along, kind="stable")
     below = np.cumsum(weights[order])
     ends = np.searchsorted(below, below[-1] * np.array([0.03, 0.97]))

@@ -20,7 +20,7 @@ from perception.depth import points, time_of_flight
 from perception.floor import choose, classify
 from perception.floor.levelling import level
 from perception.floor.prior import kinematic_prior
-from perception.floor.segmented_view import SegmentedView, truncated
+from perception.floor.segmented_view import SegmentedView, truncated, uppermost
 from perception.obstacles.clustering import cluster
 from perception.obstacles.track import Detection
 from perception.primitives.frame import Frame
@@ -173,6 +173,8 @@ def segment_frame(
         T_body_camera.position[:2],
         config.clusters,
         truncated(view, cloud.of(rising), reach),
+        uppermost=uppermost(view, cloud.of(rising)),
+        sensor_height_m=plane.offset_m,
     )
     return (view,), [
         Detection(one.centre, one.covariance, one.radius_m, one.height_m)

@@ -139,6 +139,14 @@ def test_a_box_is_covered_by_its_disc_and_measured_by_its_rectangle():
     assert np.all(np.linalg.norm(front - found.centre, axis=1) < found.radius_m + 0.03)
 
 
+def test_few_points_on_a_top_give_the_middle_between_its_edges():
+    """A narrow object far away, seen from above: two points at every depth."""
+    x, y = np.meshgrid(np.arange(3.36, 3.65, 0.02), [-0.02, 0.02])
+    points = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.3)])
+    (found,) = cluster(points, np.full(len(points), 0.01), SENSOR, sensor_height_m=1.5)
+    np.testing.assert_allclose(found.centre, [3.5, 0.0], atol=0.01)
+
+
 def test_separate_objects_are_separate_clusters_and_the_nearest_comes_first():
     rng = np.random.default_rng(3)
     seen = [
