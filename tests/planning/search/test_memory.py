@@ -106,6 +106,29 @@ def test_what_moved_is_not_remembered():
     assert not unknown.any()
 
 
+def occupied(world: WorldMap) -> np.ndarray:
+    """(n, 2) occupied cells round the origin, of which the local map has seen nothing, m."""
+    nothing = np.ones((SIDE, SIDE)), np.ones((SIDE, SIDE), bool), np.full(2, -HALF_M)
+    probability, unknown, origin = with_memory(nothing, CELL_M, world)
+    rows, columns = np.nonzero(~unknown & (probability >= OCCUPIED))
+    return origin + (np.column_stack([columns, rows]) + 0.5) * CELL_M
+
+
+@pytest.mark.parametrize(("length_m", "remembered"), [(0.5, False), (0.8, False), (1.2, True)])
+def test_what_is_small_enough_to_go_away_is_not_remembered(length_m, remembered):
+    """A row of something 2.5 m from a wall that stays."""
+    world = WorldMap()
+    wall = np.column_stack([np.full(121, 3.0), np.linspace(-1.5, 1.5, 121)])
+    row = np.column_stack([np.full(81, 0.5), np.linspace(-length_m / 2, length_m / 2, 81)])
+    xy = np.repeat(np.vstack([wall, row]), 4, axis=0)
+    points = np.column_stack([xy, np.full(len(xy), 0.3)])
+    for k in range(8):
+        world.update(points, np.ones(len(points), bool), float(k), CAMERA)
+    found = occupied(world)
+    assert np.any(found[:, 0] > 2.5)
+    assert np.any(found[:, 0] < 1.0) == remembered
+
+
 def test_where_memory_leaves_no_path_the_robot_goes_to_look_again():
     """Four remembered walls round the start, beyond what it sees now; one may have gone."""
     world = WorldMap()
