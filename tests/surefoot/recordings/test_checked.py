@@ -8,8 +8,8 @@ import pytest
 from perception.primitives.camera import Camera
 from perception.primitives.frame import DepthView, Frame
 from perception.primitives.pose import Pose3
-from surefoot.recordings.open import open_recording
 from surefoot.recordings.checked import CheckedRecording
+from surefoot.recordings.open import open_recording
 from surefoot.recordings.recording import RecordingInfo, SkippedFrame
 
 CAMERA = Camera(8, 6, 10.0, 10.0, 3.5, 2.5)
