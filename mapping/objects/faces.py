@@ -106,7 +106,7 @@ def find(columns: Columns, gap_m: float) -> list[Face]:
         taken = inside & (np.abs(off) <= TAKEN_M)
         left &= ~taken
         left[run] = False  # a fit may have moved away from its columns
-        if not any(_same(face, normal, offset, columns.xy[run]) for face in faces):
+        if not any(_same(face, normal, columns.xy[run]) for face in faces):
             faces += _split_by_top(columns, run, normal, offset)
     return faces
 
@@ -192,9 +192,7 @@ def _longest_run(
     )
 
 
-def _same(
-    face: Face, normal: Float[np.ndarray, "2"], offset: float, places: Float[np.ndarray, "k 2"]
-) -> bool:
+def _same(face: Face, normal: Float[np.ndarray, "2"], places: Float[np.ndarray, "k 2"]) -> bool:
     """Whether a line is a stronger face once more, displaced by the doubt of the pose."""
     if face.normal @ normal < math.cos(math.radians(15.0)):
         return False

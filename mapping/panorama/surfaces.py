@@ -74,13 +74,11 @@ class Alignment:
         T_to_from: Pose of the source in the target.
         covariance: Rotation (rad^2), then translation (m^2), in the source's axes.
         share: Share of the source's points that were associated.
-        rms_m: Root mean square of the residuals along the normals.
     """
 
     T_to_from: Pose3
     covariance: Float[np.ndarray, "6 6"]
     share: float
-    rms_m: float
 
 
 def align(
@@ -130,9 +128,7 @@ def align(
             rotation = rotation @ Rotation.from_rotvec(step[:3]).as_matrix()
             hessian *= len(index) / np.sum(weight)
     covariance = CORRELATED * max(square, LEAST_SIGMA_M**2) * np.linalg.inv(hessian)
-    return Alignment(
-        Pose3.from_rotation(rotation, translation), covariance, share, float(np.sqrt(square))
-    )
+    return Alignment(Pose3.from_rotation(rotation, translation), covariance, share)
 
 
 def _associate(

@@ -9,7 +9,6 @@ section 5.4.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection
 from dataclasses import dataclass
 
@@ -117,32 +116,3 @@ def calibration(
     claimed = (np.arange(steps) + 0.5) / steps
     found = np.array([share_inside(normalised, degrees, float(p)) for p in claimed])
     return claimed, found
-
-
-def whiteness(innovations: Float[np.ndarray, "n d"], lags: int = 10) -> Float[np.ndarray, "lags"]:
-    """Autocorrelation of whitened innovations at lags 1 to `lags`.
-
-    Args:
-        innovations: In temporal order, whitened.
-        lags: Number of lags.
-
-    Returns:
-        Each nearly normal with standard deviation 1 / sqrt(n d) if they are white (see `whiteness_bound`).
-    """
-    n = len(innovations)
-    if n <= lags:
-        raise InputError(f"whiteness: {n} innovations are too few for {lags} lags; give more")
-    power = float(np.sum(innovations**2))
-    if power == 0.0:
-        return np.zeros(lags)
-    return np.array(
-        [
-            float(np.sum(innovations[lag:] * innovations[:-lag])) / power
-            for lag in range(1, lags + 1)
-        ]
-    )
-
-
-def whiteness_bound(samples: int, dimension: int) -> float:
-    """Bound of the absolute autocorrelation of white innovations, 95 %."""
-    return 1.96 / math.sqrt(samples * dimension)

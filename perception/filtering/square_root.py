@@ -5,8 +5,7 @@ covariance, and never subtracts: prediction and update form a matrix of deviatio
 reflections. Zero noise, huge noise and a thousand repetitions of one measurement leave the covariance positive
 definite; input that is not finite is refused and reported.
 
-`SquareRootFilter` takes any models, as functions of all sigma points at once. `step_movers` advances many
-constant-velocity filters in one compiled call.
+`SquareRootFilter` takes any models, as functions of all sigma points at once.
 
 Source: van der Merwe, Wan, "The square-root unscented Kalman filter for state and parameter-estimation"
 (ICASSP 2001); the update as one triangularisation after Kailath, Sayed, Hassibi, "Linear Estimation"
@@ -20,11 +19,10 @@ from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int8
+from jaxtyping import Float
 
 from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
-from . import _mover_kernels
 from . import _square_root_kernels as kernels
 from .consistency import Innovation
 from .models import positive, spread
@@ -208,48 +206,3 @@ class SquareRootFilter:
             np.empty((n + m, n + m)),
         )
         return status == 1, None if status < 0 else Innovation(None, innovation)
-
-
-_FOUR = SigmaPoints.scaled(4)
-_ORIGIN = np.zeros(3)
-
-
-def step_movers(
-    means: Float[np.ndarray, "k 4"],
-    roots: Float[np.ndarray, "k 4 4"],
-    dt: float,
-    noise: Float[np.ndarray, "4 4"],
-    measured: Float[np.ndarray, "k 2"],
-    measured_noise: Float[np.ndarray, "k 2 2"],
-    viewpoint: Float[np.ndarray, "3"] | None = None,
-    points: SigmaPoints = _FOUR,
-) -> tuple[Float[np.ndarray, "k 4"], Float[np.ndarray, "k 4 4"], Int8[np.ndarray, "k"]]:
-    """Predict many moving obstacles and update each with one detection, in one compiled call.
-
-    Args:
-        means: x, y, vx, vy, m and m/s, world frame.
-        roots: Lower roots of their covariances.
-        dt: Time passed, s.
-        noise: Covariance added in that time.
-        measured: (x, y), m, world frame; with a viewpoint (range, bearing), m and rad. NaN where there is no
-            detection.
-        measured_noise: Covariance of each.
-        viewpoint: x, y, yaw of the observer, m and rad, world frame.
-        points: Of the unscented transform.
-
-    Returns:
-        Means, roots, and 1 for each mover that was updated, -1 for one without a finite measurement.
-    """
-    means, roots = means.copy(), roots.copy()
-    status = _mover_kernels.step_movers(
-        means,
-        roots,
-        dt,
-        noise,
-        measured,
-        measured_noise,
-        _ORIGIN if viewpoint is None else viewpoint,
-        viewpoint is not None,
-        points,
-    )
-    return means, roots, status

@@ -183,7 +183,6 @@ def accumulate(
     map_points: np.ndarray,
     map_directions: np.ndarray,
     map_sigmas: np.ndarray,
-    first: np.ndarray,
     poses: np.ndarray,
     found: np.ndarray,
     cut: float,
@@ -198,7 +197,6 @@ def accumulate(
         points: (n, 2), world frame by the current pose; sigmas: (n,).
         now: (3,), the current pose.
         map_points, map_directions, map_sigmas: As in `correspondences`.
-        first: Likewise.
         poses: (k, 3), of the keyframes.
         found: (n, k), correspondences.
         cut: Residual, in standard deviations, of half weight (Cauchy).

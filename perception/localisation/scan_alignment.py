@@ -106,7 +106,7 @@ def align(
         cut = OUTLIER_SIGMAS if reach <= GATE_M else 3.0 * OUTLIER_SIGMAS
         used, roughness = kernels.accumulate(
             level.points, level.sigmas, now, near.scan.points, near.scan.normals,
-            near.scan.sigmas, near.first, near.poses, found, cut, A, b,
+            near.scan.sigmas, near.poses, found, cut, A, b,
         )  # fmt: skip
         A /= CORRELATED
         b /= CORRELATED

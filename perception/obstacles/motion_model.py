@@ -16,12 +16,8 @@ from ..primitives.gaussian import Gaussian
 from ..primitives.motion import Motion
 from .track import Detection
 
-MODELS = {
-    "switching": "perception.obstacles.track:Track",
-    "filterpy": "perception.obstacles.filterpy_track:FilterpyTrack",
-}
-"""Our motion models: name to class. "switching": modes that change into each other (stands, straight, curving, turned); "filterpy": the
-same, updated by filterpy, for reference."""
+MODELS = {"switching": "perception.obstacles.track:Track"}
+"""Our motion models: name to class. "switching": modes that change into each other (stands, straight, curving, turned)."""
 
 MEMBERS = ("state", "motion", "moving", "predict", "density", "update")
 

@@ -233,7 +233,7 @@ class Track:
         position, noise = _contiguous(seen.position), _contiguous(seen.covariance)
         _track_kernels.weigh(w, means, covariances, position, noise, STRAY_PER_M2)
         for m in range(MODES):
-            self._learn(x[m], P[m], position, noise)
+            _track_kernels.learn(x[m], P[m], self._robot, position, noise)
         self._habits.learn(w, self._gone[0][VELOCITY], self._unseen_s, self._proven)
         self._watched_s += self._unseen_s
         self._unseen_s = 0.0
@@ -269,16 +269,6 @@ class Track:
         w[STILL] = 1.0 - self.config.moving_prior
         self._begin_anew(mean, self.radius_m)
         self._state = self._motion = self._expected = None
-
-    def _learn(
-        self,
-        x: Float[np.ndarray, "7"],
-        P: Float[np.ndarray, "7 7"],
-        position: Float[np.ndarray, "2"],
-        noise: Float[np.ndarray, "2 2"],
-    ) -> None:
-        """Sigma-point update of one mode, in place, by a position in the body frame."""
-        _track_kernels.learn(x, P, self._robot, position, noise)
 
     def _rates(self) -> Float[np.ndarray, "5 5"]:
         return self._habits.rates(self._proven)

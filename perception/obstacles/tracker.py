@@ -65,7 +65,7 @@ class TrackerConfig:
     motion_model: str = setting(
         "switching",
         "",
-        "filter of one obstacle: switching (stands, straight, curving, turned, as an interacting-multiple-model filter), filterpy (the same, slower, for reference), or package.module:Class",
+        "filter of one obstacle: switching (stands, straight, curving, turned, as an interacting-multiple-model filter), or package.module:Class",
         "seed 001; modes ours",
     )
     track: TrackConfig = field(default_factory=TrackConfig)

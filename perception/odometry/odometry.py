@@ -111,7 +111,6 @@ class Odometry:
         self._align_config = align or AlignConfig()
         self.references: list[Reference] = []
         self.losses = 0
-        self.relocalisations = 0
         self._count = 0
         self._pose = Pose3()
         self._velocity = Pose3()
@@ -142,7 +141,6 @@ class Odometry:
                 return self._lose(number, image)
             reference, aligned = found
             state = RELOCALISED
-            self.relocalisations += 1
         assert aligned is not None
         return self._accept(number, image, reference, aligned, state)
 

@@ -133,14 +133,6 @@ class FixedLagSmoother:
 
         return from_native(self._native(number))
 
-    def systematic(self, name: str) -> Gaussian:
-        """The current estimate of a systematic error, over (ahead, left, turn) per unit."""
-        keys = self._graph.systematic_keys
-        if name not in keys:
-            raise InputError(f"systematic error {name!r} is in no factor yet; known: {list(keys)}")
-        mean = self._isam2.calculateEstimatePoint3(keys[name])
-        return Gaussian(mean, self._isam2.marginalCovariance(keys[name]))
-
     def _native(self, number: int) -> Any:
         from .graph import pose_key
 

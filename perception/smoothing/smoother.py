@@ -63,7 +63,6 @@ class Solution:
     Args:
         poses: By number: Gaussians over (x, y, yaw), or placements in space; world frame.
         landmarks: By number: Gaussians over (x, y), world frame, m.
-        systematics: By name: Gaussians over (ahead, left, turn) at the end of the run.
         error: Half the sum of squares (robust: of losses) at the solution.
         rejected: Factors with a part outside the gate; sightings of unknown landmarks and of the floor keep their
             loss instead.
@@ -71,7 +70,6 @@ class Solution:
 
     poses: dict[int, Gaussian | Placement]
     landmarks: dict[int, Gaussian] = field(default_factory=dict)
-    systematics: dict[str, Gaussian] = field(default_factory=dict)
     error: float = 0.0
     rejected: list[Factor] = field(default_factory=list)
 
@@ -150,16 +148,12 @@ def solve(
             number: Gaussian(values.atPoint2(key), marginals.marginalCovariance(key))
             for number, key in sorted(graph.landmark_keys.items())
         }
-        errors = {
-            name: Gaussian(values.atPoint3(key), marginals.marginalCovariance(key))
-            for name, key in graph.systematic_keys.items()
-        }
     except RuntimeError as error:
         raise underdetermined(error) from error
     for number, pose in poses.items():
         check_marginal(number, pose)
     return Solution(
-        poses, landmarks, errors, float(built.error(values)), [draft.owners[i] for i in rejected]
+        poses, landmarks, float(built.error(values)), [draft.owners[i] for i in rejected]
     )
 
 

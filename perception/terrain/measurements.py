@@ -73,7 +73,7 @@ def measured(
     for number, one in enumerate(match.nosings):
         here = slice(row, row + 2)
         mark[row + 1] = one.shared_m
-        yaw, lever = _line(regions[one.region], one, up, direction, left)
+        yaw, lever = _line(regions[one.region], one, direction, left)
         residual[here] = yaw, x[3] + one.number * x[4] - direction @ one.middle
         H[row, 2] = 1.0
         H[row + 1, 2] = -float(left @ one.middle)
@@ -104,7 +104,6 @@ def measured(
 def _line(
     region: Region,
     one: Nosing,
-    up: Float[np.ndarray, "3"],
     direction: Float[np.ndarray, "3"],
     left: Float[np.ndarray, "3"],
 ) -> tuple[float, Float[np.ndarray, "2 3"]]:

@@ -100,7 +100,7 @@ class AvoidancePlanner(GoalSeeker):
         super().__init__(Goals(goals, config.mission))
         self._config, self._robot = config, config.robot
         self._gaze = GazeControl(config.gaze, self._robot)
-        self._guard = Guard(config.guard, self._robot)
+        self._guard = Guard(config.guard, self._robot, config.cell_m)
         self._rng = np.random.default_rng([config.seed, 41])
         self._phase = "walk"
         self._urged = False

@@ -63,7 +63,7 @@ class FieldPlanner(GoalSeeker):
         self._start: Float[np.ndarray, "2"] | None = None
         self._published = self._field.mode != "ours"
         self._guard: StepFilter = (
-            Unfiltered() if self._published else Guard(config.guard, self._robot)
+            Unfiltered() if self._published else Guard(config.guard, self._robot, config.cell_m)
         )
         self._speed_mps = 0.0
 

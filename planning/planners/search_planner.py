@@ -29,6 +29,7 @@ from ..exploration import ExplorationMap, Explorer
 from ..gaze.attention import GazeContext
 from ..gaze.policy import GazeControl
 from ..safety.guard import Guard
+from ..safety.guard_settings import corner_m
 from ..safety.line_of_sight import farthest_visible
 from ..safety.step_filter import StepFilter
 from ..search.curve_walk import CurveWalk
@@ -39,7 +40,7 @@ from .goals import Goals
 from .planner import Decision, Plan
 from .settings import PlanningConfig
 
-CELL_M = 0.05  # ours: half a cell's diagonal plus the position error of a track
+TRACK_M = 0.015  # ours: position error of a track
 DEPTH_M = 0.15  # ours: least depth of furniture behind a visible face
 HIDDEN = np.float32(0.6)  # ours: occupancy assumed behind a visible face
 MOVER_COST = np.float32(
@@ -64,7 +65,7 @@ class SearchPlanner:
             stepper: Checks every step; None: the guard.
         """
         self._config, self._robot = config, config.robot
-        self._guard = Guard(config.guard, self._robot)
+        self._guard = Guard(config.guard, self._robot, config.cell_m)
         self._stepper: StepFilter = self._guard if stepper is None else stepper
         self._goals = Goals(goals, config.mission, config.mission.headings_deg)
         self._explorer = (
@@ -108,7 +109,7 @@ class SearchPlanner:
         with watch.stage("field"):
             desired, why = self._wanted(world.pose, via, obstacles)
         with watch.stage("guard"):
-            standing = _not_movers(grid.centres()[occupied], obstacles)
+            standing = _not_movers(grid.centres()[occupied], obstacles, grid.cell_m)
             here = world.pose.mean[:2]
             near_m = self._guard.cell_distance_m
             target = farthest_visible(here, self._route.ahead(here), standing, near_m)
@@ -222,12 +223,12 @@ def _supposed(obstacles: Sequence[Obstacle]) -> list[Obstacle]:
 
 
 def _not_movers(
-    cells: Float[np.ndarray, "n 2"], obstacles: Sequence[Obstacle]
+    cells: Float[np.ndarray, "n 2"], obstacles: Sequence[Obstacle], cell_m: float
 ) -> Float[np.ndarray, "m 2"]:
     """Occupied cells outside all moving tracks, which the guard predicts itself."""
     movers = [o for o in obstacles if o.moving >= MOVING]
     places = np.array([o.position for o in movers]).reshape(-1, 2)
-    reach = np.array([o.radius_m for o in movers]) + CELL_M
+    reach = np.array([o.radius_m for o in movers]) + (corner_m(cell_m) + TRACK_M)
     gaps = np.linalg.norm(cells[:, None] - places, axis=2)
     return cells[(gaps > reach).all(axis=1)]
 

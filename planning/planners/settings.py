@@ -31,6 +31,7 @@ class PlanningConfig:
     Args:
         seed: Of random choices.
         robot: Sizes of the body, limits of gait and head.
+        cell_m: Side of a cell of the grid.
         mission: Goals, tolerances, time limit.
         search: Potential and grid search.
         route: When the path is searched anew.
@@ -45,6 +46,7 @@ class PlanningConfig:
 
     seed: int = 0
     robot: RobotModel = DARWIN_OP
+    cell_m: float = 0.05
     mission: MissionConfig = field(default_factory=MissionConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
     route: RouteConfig = field(default_factory=RouteConfig)

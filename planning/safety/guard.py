@@ -53,8 +53,12 @@ simulated futures to a fifth and 3 %."""
 class Guard:
     """The guard of one walk; keeps the motion patterns of obstacles and the present plan."""
 
-    def __init__(self, config: GuardConfig, robot: RobotModel = DARWIN_OP) -> None:
+    def __init__(
+        self, config: GuardConfig, robot: RobotModel = DARWIN_OP, cell_m: float = 0.05
+    ) -> None:
         self.config, self.robot = config, robot
+        self.cell_distance_m = robot.radius_m + constants.corner_m(cell_m)
+        """Distance kept between the middle of the body and that of an occupied cell, m."""
         self.patterns = MotionPatterns()
         self._present: np.ndarray | None = None  # the plan being walked
         self._last, self._last_s = WalkCommand(), -math.inf
@@ -65,11 +69,6 @@ class Guard:
         """Why another step than the desired one was chosen last: "guard", or "least risk" if no plan keeps the bound."""
         self.ahead = np.zeros((0, 3))
         """(n, 3) poses of the body after each of its next steps: x, y, yaw, world frame, m and rad."""
-
-    @property
-    def cell_distance_m(self) -> float:
-        """Distance kept between the middle of the body and that of an occupied cell, m."""
-        return self.robot.radius_m + constants.CELL_M
 
     def choose(
         self,
@@ -98,8 +97,9 @@ class Guard:
         ahead = half_a_step_on(Pose2(*robot.mean.tolist()), WalkCommand() if paused else self._last)
         robot = Gaussian(ahead.vector, robot.covariance)
         scene = _Scene(
-            robot, obstacles, occupied, target, self.config, self.robot, stamp_s, self.patterns
-        )
+            robot, obstacles, occupied, target, self.config, self.robot, stamp_s, self.patterns,
+            self.cell_distance_m,
+        )  # fmt: skip
         self._last, self._last_s = self._safest(desired, scene), stamp_s
         return self._last
 
@@ -198,6 +198,7 @@ class _Scene:
         model: RobotModel,
         stamp_s: float,
         patterns: MotionPatterns,
+        cell_distance_m: float,
     ) -> None:
         gait = model.gait
         hypotheses = Hypotheses(robot, stamp_s, config, model, patterns, occupied)
@@ -216,7 +217,7 @@ class _Scene:
             gait.max_turn_rad, gait.step_s, gait.max_speed_mps, max(gait.max_side_mps, 1e-3)
         )
         self._discs = hypotheses.discs()
-        self._cells = _cells(robot.mean[:2], occupied, config.steps, model)
+        self._cells = _cells(robot.mean[:2], occupied, config.steps, model, cell_distance_m)
         self._costs = arguments.Costs(
             soft_m=constants.SOFT_M,
             soft_cost_m=constants.SOFT_COST_M,
@@ -308,11 +309,10 @@ def _fixed_plans(steps: int, gait: GaitLimits) -> np.ndarray:
 
 
 def _cells(
-    here: np.ndarray, occupied: np.ndarray, steps: int, model: RobotModel
+    here: np.ndarray, occupied: np.ndarray, steps: int, model: RobotModel, wanted_m: float
 ) -> arguments.Cells:
     """The cells within reach, nearest first; the required distance is at most the present one."""
     gap = np.hypot(*(occupied - here).T)
-    wanted_m = model.radius_m + constants.CELL_M
     contact_m = model.breadth * constants.CELL_CONTACT_M
     reach = steps * model.gait.step_s * model.gait.max_speed_mps + wanted_m
     near = np.flatnonzero(gap <= reach)

@@ -13,10 +13,6 @@ from dataclasses import dataclass
 from perception.primitives.errors import ConfigError
 from perception.primitives.settings import setting
 
-CELL_M = 0.035
-"""Ours: distance kept between the body and the middle of an occupied cell, half the diagonal of a cell of 5 cm; the same
-for every robot."""
-
 CELL_CONTACT_M = 0.15
 """Ours: distance of the middle of a DARwIn-OP to that of a cell at contact; grows with breadth."""
 
@@ -36,6 +32,11 @@ STEEP = 40.0  # ours: cost per metre of missing distance
 CONTACT_COST_M = 4.0  # ours: further cost of a contact
 HEADING_COST_M = 0.05  # ours: cost per rad of facing away from the target at the end
 PASS_M = 0.10  # ours: a desired step with no more cost than this passes
+
+
+def corner_m(cell_m: float) -> float:
+    """Ours: distance kept between the body and the middle of an occupied cell: half its diagonal, to the millimetre."""
+    return round(cell_m * math.sqrt(0.5), 3)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The protocol of the last check on a footstep, which the guard and its baselines implement."""
+"""The protocol of the last check on a footstep, which the guard implements."""
 
 from __future__ import annotations
 
@@ -12,12 +12,6 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 
 from ..commands import WalkCommand
-
-BASELINE_CELL_M = 0.17
-"""Ours: distance that the baselines keep from the middle of an occupied cell, for a DARwIn-OP."""
-
-BASELINE_MARGIN_M = 0.05
-"""Ours: margin of the baselines to moving obstacles, as the guard's default."""
 
 
 @runtime_checkable

@@ -271,7 +271,7 @@ def _speed(
     ]
     if config.mode != "ours":
         return _printed_speed(movers, bands, speed_mps, gait, cruise)
-    radii = [mover.radius_m + _miss_sigma(mover, speed_mps, config) for mover in movers]
+    radii = [mover.radius_m + _miss_sigma(mover, speed_mps) for mover in movers]
     changes = [
         change(mover.place, mover.velocity, radius, band, speed_mps, gait.max_speed_mps)
         for mover, radius, band in zip(movers, radii, bands, strict=True)
@@ -324,7 +324,7 @@ def _virtual_or_clear(one: Change) -> Change:
     return one if one.case == VIRTUAL.case else CLEAR
 
 
-def _miss_sigma(mover: _Mover, speed_mps: float, config: FieldConfig) -> float:
+def _miss_sigma(mover: _Mover, speed_mps: float) -> float:
     """Standard deviation of the miss at the present speed, limited, m."""
     sigma = miss_deviation(
         mover.place, mover.velocity, mover.covariance, speed_mps, fields.HORIZON_S

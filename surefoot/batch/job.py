@@ -12,8 +12,6 @@ from perception.primitives import safe_input
 from ..results.version import version
 
 PROCESS, MAP, PANORAMA, EVALUATE, SIMULATE = "process", "map", "panorama", "evaluate", "simulate"
-VERBS = (PROCESS, MAP, PANORAMA, EVALUATE)
-"""Verbs over places; `simulate` goes over seeds."""
 DONE, FAILED, AGAIN, DIED, LOST = "done", "failed", "again", "died", "lost"
 """Ends of an attempt: the run is complete; it cannot be made; something passing went wrong; it killed its worker; its worker
 was lost for another reason."""
@@ -25,7 +23,7 @@ class Job:
 
     Args:
         name: Of the run; no two jobs of a batch have the same.
-        verb: One of `VERBS`, or "simulate".
+        verb: One of the five above.
         source: Path or address of the recording; of `evaluate` the run folder; of `simulate` the scene.
         target: Run folder.
         config: TOML file of settings; "": those the recording was made with, else the defaults.

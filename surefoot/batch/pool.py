@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import select
 from pathlib import Path
 
 from perception.primitives.errors import InputError
 
+from .. import cores
 from .job import Answer, Job
 from .worker import GIB, Worker
 
@@ -19,7 +19,7 @@ def how_many(wanted: int | None, memory_gib: float) -> int:
         InputError: There is not enough memory for those asked for, or for a single one.
     """
     fit = int(free_gib() / memory_gib)
-    workers = min(os.cpu_count() or 1, fit) if wanted is None else wanted
+    workers = min(cores.available(), fit) if wanted is None else wanted
     if workers < 1 or workers > fit:
         raise InputError(
             f"{max(workers, 1)} workers of {memory_gib:g} GiB each do not fit into the {free_gib():.1f} GiB of memory that are "

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from .. import cores
 from . import bootstrap
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -324,7 +325,7 @@ def _data() -> list[Finding]:
 def _machine() -> list[Finding]:
     free = shutil.disk_usage(Path.cwd()).free / 1e9
     return [
-        Finding("processor cores", True, str(os.cpu_count())),
+        Finding("processor cores", True, str(cores.available())),
         _finding(
             "free disk space here",
             free > 1.0,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import sys
 from dataclasses import asdict
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import click
 
+from .. import cores
 from .options import PATH, json_option
 from .terminal import FAILED, progress
 
@@ -102,7 +102,7 @@ def reproduce(paper: str | None, quick: bool, out: Path, as_json: bool) -> None:
 
     with progress() as say:
         told = rounds.reproduce(
-            paper, quick, out, say, say.notice, os.cpu_count() or 1 if quick else 1
+            paper, quick, out, say, say.notice, cores.available() if quick else 1
         )
     index = out / rounds.INDEX
     failed = [one.id for one in told if one.state == "failed"]

@@ -191,14 +191,11 @@ def _seldom(rng: np.random.Generator) -> str:
 
 
 def _published_ways(rng: np.random.Generator) -> str:
-    """The methods as printed that runs may choose, the planners that ours are compared with, colours of depth."""
+    """The methods as printed that runs may choose, and colours of depth."""
     from dataclasses import replace
 
     from perception.depth.depth_to_colour import colours_of_depth
     from perception.features.mdghm_sift import SiftConfig, detect
-    from planning.commands import WalkCommand
-    from planning.safety.dynamic_window import DynamicWindow
-    from planning.safety.velocity_obstacles import VelocityObstacles
     from planning.search import astar
     from planning.search.potential import SearchConfig
 
@@ -210,11 +207,6 @@ def _published_ways(rng: np.random.Generator) -> str:
         found = astar.find_path(probability, unknown, *ends, config)
         assert found is not None
         assert len(found.curve) > 1
-    robot = Gaussian(np.zeros(3), np.eye(3) * 1e-4)
-    mover = Obstacle(Gaussian(np.array([0.6, 0.0, -0.05, 0.0]), np.eye(4) * 1e-3), 0.1, moving=1.0)
-    cells, goal = np.array([[1.0, 0.5]]), np.array([2.0, 0.0])
-    for peer in (DynamicWindow(), VelocityObstacles()):
-        peer.choose(WalkCommand(0.04), robot, [mover], cells, goal, 0.0)
     picture = rng.integers(0, 255, (72, 96)).astype(np.uint8)
     detect(picture, replace(SiftConfig(), moments_in_descriptor=True))
     camera, rgb = Camera.from_view(96, 72, 1.0, 0.8), rng.integers(0, 255, (72, 96, 3))

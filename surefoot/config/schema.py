@@ -140,9 +140,9 @@ class Config:
     @property
     def planning(self) -> PlanningConfig:
         """The part that planners see."""
-        names = {item.name for item in dataclasses.fields(PlanningConfig)} - {"robot"}
+        names = {item.name for item in dataclasses.fields(PlanningConfig)} - {"robot", "cell_m"}
         parts = {name: getattr(self, name) for name in names}
-        return PlanningConfig(robot=self.robot_model, **parts)
+        return PlanningConfig(robot=self.robot_model, cell_m=self.grid.cell_m, **parts)
 
     @property
     def robot_model(self) -> RobotModel:

@@ -17,17 +17,17 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from perception.primitives.robot_model import RobotModel
-from planning.safety.dynamic_window import DynamicWindow
 from planning.safety.guard import Guard
 from planning.safety.guard_settings import GuardConfig
 from planning.safety.step_filter import StepFilter, Unfiltered
-from planning.safety.velocity_obstacles import VelocityObstacles
 
 from ...evaluation.metrics.risk import wilson
 from ..support.crowd_world import Passage, passage
+from ..support.dynamic_window import DynamicWindow
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.mppi import PathIntegral
 from ..support.trials import run_all
+from ..support.velocity_obstacles import VelocityObstacles
 
 COUNTS = (4, 8, 12)
 RISK = 0.02

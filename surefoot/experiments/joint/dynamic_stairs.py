@@ -17,7 +17,6 @@ import numpy as np
 
 from mapping.ground.surface import Border, Surface
 from perception.primitives.pose import Pose2
-from perception.primitives.robot_model import RobotModel
 from planning.footholds.foothold import FootNoise
 from planning.footholds.search import Stance, plan
 from sim.robot import SimulatedRobot
@@ -89,7 +88,7 @@ def climb(riser_m: float, seed: int, engine: str = "pybullet") -> Climb:
             if np.linalg.norm(body.true_pose.vector[:2] - goal) < NEAR_M:
                 return Climb(riser_m, True, False, done, on_edges)
             steps = plan(
-                _surfaces(ground, place, model), Stance(foot, Pose2()), place.inverse().apply(goal), NEAR_M,
+                _surfaces(ground, place), Stance(foot, Pose2()), place.inverse().apply(goal), NEAR_M,
                 model, SLIP, config.footholds,
             )  # fmt: skip
             if steps.commands:
@@ -97,7 +96,7 @@ def climb(riser_m: float, seed: int, engine: str = "pybullet") -> Climb:
         return Climb(riser_m, False, False, done, on_edges)
 
 
-def _surfaces(ground: Terrain, foot: Pose2, model: RobotModel) -> list[Surface]:
+def _surfaces(ground: Terrain, foot: Pose2) -> list[Surface]:
     """The levels in the frame of a foot that stands on one of them; that one first."""
     levels = list(ground.levels)
     x = foot.x

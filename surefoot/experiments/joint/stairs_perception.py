@@ -55,7 +55,6 @@ class Answer:
         away_m: Distance ahead to the first edge.
         found: Whether a staircase was claimed.
         ramps: Number of regions that were claimed to be ramps.
-        steps_seen: Risers of the staircase that were seen.
         errors: Of riser (m), tread (m), direction (rad), first edge along the direction and upwards (m).
         nees: Of riser, tread, direction, and of all five per degree of freedom.
     """
@@ -65,7 +64,6 @@ class Answer:
     away_m: float
     found: bool
     ramps: int
-    steps_seen: int
     errors: tuple[float, ...]
     nees: tuple[float, ...]
 
@@ -92,7 +90,6 @@ def answer(view: StairView, sensor: str, depth: Depth) -> Answer:
         view.away_m,
         found is not None,
         len(inclined),
-        0 if found is None else found.steps,
         errors,
         nees,
     )

@@ -60,7 +60,6 @@ def crowd(frames: Sequence[Frame], step_s: float, rng: np.random.Generator) -> l
             frame,
             *_in_front(
                 *_pictures(frame),
-                camera.fx,
                 (near_m, share, period, start + way * CROWD_MPS * step_s * n * camera.fx / near_m),
                 clothes,
             ),
@@ -126,7 +125,6 @@ def _smeared(z: np.ndarray, rgb: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _in_front(
     z: np.ndarray,
     rgb: np.ndarray,
-    fx: float,
     people: tuple[float, float, float, float],
     clothes: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:

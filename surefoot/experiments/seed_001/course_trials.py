@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planning.safety.dynamic_window import DynamicWindow
 from planning.safety.step_filter import StepFilter, Unfiltered
-from planning.safety.velocity_obstacles import VelocityObstacles
 from planning.univector.fields import FieldConfig
 
 from ...config.presets import on_body
 from ...evaluation.metrics.contact_classes import CLASSES
 from ..support.course_runner import CourseWalk, course_config, published, walk
+from ..support.dynamic_window import DynamicWindow
 from ..support.experiment import Say
 from ..support.trials import run_all
+from ..support.velocity_obstacles import VelocityObstacles
 
 PAPER_S = 560.2  # seed 001, section V-C
 PRINTED_MPS = 0.0615  # specification: cruise of seed 001, 0.04 m in 0.65 s

@@ -43,13 +43,11 @@ RayLengths = Float[np.ndarray, "h w"]
 
 @dataclass(frozen=True)
 class FloorScene:
-    """One view: points, prior and true plane, and the shares of floor points and of all others."""
+    """One view: points, prior and true plane."""
 
     kind: str
     points: Points
     view: FloorView
-    floor_share: float
-    rival_share: float
 
 
 def block(
@@ -130,7 +128,7 @@ def draw(kind: str, rng: np.random.Generator) -> FloorScene:
         floor = float(np.mean((ground < t)[seen])) if seen.any() else 0.0
         if LEAST_FLOOR[kind] <= floor <= MOST_FLOOR:
             break
-    return FloorScene(kind, _measured(z, rng), view, floor, 1.0 - floor)
+    return FloorScene(kind, _measured(z, rng), view)
 
 
 def bare_wall(rng: np.random.Generator) -> FloorScene:
@@ -140,7 +138,7 @@ def bare_wall(rng: np.random.Generator) -> FloorScene:
         rays = CAMERA.rays @ view.T_world_camera.rotation.T
         z = rng.uniform(0.5, 1.5) / rays[..., 0]
         if np.all(view.floor.offset_m + z * rays[..., 2] > 0.05):
-            return FloorScene("bare wall", _measured(z, rng), view, 0.0, 1.0)
+            return FloorScene("bare wall", _measured(z, rng), view)
 
 
 def _measured(z: RayLengths, rng: np.random.Generator) -> Points:

@@ -18,7 +18,8 @@ from perception.primitives.obstacle import Obstacle
 from perception.primitives.robot_model import RobotModel
 from planning.commands import WalkCommand
 from planning.footsteps import limited_step
-from planning.safety.step_filter import BASELINE_MARGIN_M
+
+from .dynamic_window import BASELINE_MARGIN_M
 
 SAMPLES, STEPS = 400, 20  # several hundred trajectories of 4 s, as Trevisan et al. 2025
 SPREAD = (0.3, 0.5)  # standard deviations: of the speed in top speeds, of the turn in largest turns

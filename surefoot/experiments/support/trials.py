@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -27,11 +26,12 @@ from perception.primitives import plugins, safe_input
 from perception.primitives.errors import InputError
 from perception.primitives.safe_input import UnreadableError
 
+from ... import cores
 from ...results import object_file
 from ...run.end_with_parent import end_with_parent
 from .experiment import Say
 
-WORKERS = os.cpu_count() or 2
+WORKERS = cores.available()
 PACKAGES = ("perception", "mapping", "planning", "sim", "surefoot")
 
 R = TypeVar("R")

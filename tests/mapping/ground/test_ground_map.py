@@ -11,7 +11,7 @@ import pytest
 
 from mapping.ground.config import GroundConfig
 from mapping.ground.ground_map import GroundMap
-from mapping.ground.layers import height_layers, reachable
+from mapping.ground.layers import height_layers
 from mapping.ground.surface import Border
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.pose import Pose2, Pose3
@@ -194,17 +194,6 @@ def test_layers_hold_both_levels_of_a_table_over_the_floor(stairs):
     stack = two.height_m[:, middle, middle + round(1.2 / 0.05)]
     assert np.nanmin(stack) == pytest.approx(0.0, abs=0.01)
     assert np.nanmax(stack) == pytest.approx(0.5, abs=0.01)
-
-
-def test_a_robot_that_steps_16_cm_reaches_the_treads_and_one_of_10_does_not():
-    ground = seen(STAIRS, steps=6)
-    surfaces = ground.surfaces
-    able, weak = (reachable(surfaces, step, 0.2) for step in (0.18, 0.10))
-    (tread,) = at(surfaces, 0.2 + 0.145)
-    index = next(k for k, one in enumerate(surfaces) if one is tread)
-    assert index in able
-    assert index not in weak
-    assert weak  # where it stands
 
 
 def test_what_is_wrong_is_said():

@@ -57,17 +57,6 @@ def test_the_calibration_curve_is_the_diagonal_and_below_it_if_overconfident():
     assert np.all(sagging < claimed - 0.01)
 
 
-def test_white_innovations_stay_within_the_bound_and_a_drift_exceeds_it():
-    rng = np.random.default_rng(4)
-    white = rng.normal(size=(2000, 2))
-    bound = consistency.whiteness_bound(2000, 2)
-    assert np.mean(np.abs(consistency.whiteness(white, 40)) < bound) > 0.85
-    smooth = np.apply_along_axis(lambda x: np.convolve(x, np.ones(5), "valid"), 0, white)
-    assert consistency.whiteness(smooth, 1)[0] > 10 * bound
-
-
 def test_invalid_arguments_are_refused_with_a_message():
     with pytest.raises(InputError, match=r"probability=1\.5"):
         consistency.chi_square_quantile(1.5, 2)
-    with pytest.raises(InputError, match="5 innovations are too few"):
-        consistency.whiteness(np.zeros((5, 1)), 10)

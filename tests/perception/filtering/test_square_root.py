@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from perception.filtering import _square_root_kernels as kernels
 from perception.filtering.models import circular_mean, spread
-from perception.filtering.square_root import SigmaPoints, SquareRootFilter, step_movers
+from perception.filtering.square_root import SigmaPoints, SquareRootFilter
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 
@@ -137,53 +137,6 @@ def test_angles_agree_with_filterpy_with_circular_means(seed):
         assert np.abs(apart).max() < 1e-9
         assert np.abs(ours.covariance - peer.P).max() < 1e-9
         assert -math.pi <= ours.mean[2] < math.pi
-
-
-@pytest.mark.parametrize("polar", [False, True])
-@pytest.mark.parametrize("count", [1, 16, 100])
-def test_all_movers_at_once_agree_with_filterpy_one_by_one(polar, count):
-    rng = np.random.default_rng(count)
-    dt, R, view = 0.2, np.diag([0.01, 0.002]), np.array([-1.0, -1.0, 0.2])
-    F, Q = np.eye(4) + dt * np.eye(4, k=2), covariance(rng, 4) * 0.01
-
-    def see(state):
-        x, y = state[:2] - view[:2] if polar else state[:2]
-        return np.array([math.hypot(x, y), math.atan2(y, x) - view[2]] if polar else [x, y])
-
-    start = np.column_stack([rng.uniform(1, 4, (count, 2)), rng.normal(size=(count, 2)) * 0.1])
-    P = np.array([covariance(rng, 4) * 0.02 for _ in range(count)])
-    means, roots = start, np.linalg.cholesky(P)
-    peers = []
-    for mean, own in zip(start, P, strict=True):
-        points = MerweScaledSigmaPoints(4, spread(4), 2.0, 0.0)
-        on_circle = {"z_mean_fn": round_mean(1), "residual_z": round_difference(1)} if polar else {}
-        peers.append(UnscentedKalmanFilter(4, 2, dt, see, lambda s, dt: F @ s, points, **on_circle))
-        peers[-1].x, peers[-1].P, peers[-1].Q, peers[-1].R = mean, own, Q, R
-    for _ in range(4):
-        z = np.array([see(mean) for mean in means]) + 0.1 * rng.normal(size=(count, 2))
-        means, roots, status = step_movers(
-            means, roots, dt, Q, z, np.tile(R, (count, 1, 1)), view if polar else None
-        )
-        assert np.all(status == 1)
-        for peer, row in zip(peers, z, strict=True):
-            peer.predict()
-            peer.update(row)
-    assert np.abs(means - [peer.x for peer in peers]).max() < 1e-9
-    assert np.abs(roots @ roots.transpose(0, 2, 1) - [peer.P for peer in peers]).max() < 1e-9
-
-
-def test_a_mover_without_a_detection_is_only_predicted():
-    means, roots = np.ones((3, 4)), np.tile(np.eye(4), (3, 1, 1))
-    seen = np.array([[1.0, 1.0], [np.nan, 1.0], [1.0, 1.0]])
-    after, wide, status = step_movers(
-        means, roots, 0.5, 0.1 * np.eye(4), seen, np.tile(0.1 * np.eye(2), (3, 1, 1))
-    )
-    assert status.tolist() == [1, -1, 1]
-    np.testing.assert_allclose(after[1], [1.5, 1.5, 1.0, 1.0])
-    np.testing.assert_array_equal(after[0], after[2])
-    F = np.eye(4) + 0.5 * np.eye(4, k=2)
-    np.testing.assert_allclose(wide[1] @ wide[1].T, F @ F.T + 0.1 * np.eye(4))
-    np.testing.assert_array_equal(means, np.ones((3, 4)))  # the arguments are left alone
 
 
 @settings(max_examples=80, deadline=None)

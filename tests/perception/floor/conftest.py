@@ -87,14 +87,6 @@ def look() -> Callable[..., Room]:
     return see
 
 
-@dataclass(frozen=True)
-class Known:
-    """One frame of a real recording and its known floor."""
-
-    points: Points
-    floor: Plane
-
-
 def known_floors(path: Path) -> dict[str, Plane]:
     """Planes of a floor.csv by frame name."""
     rows = [

@@ -216,7 +216,9 @@ def test_a_robot_of_any_size_walks_between_cells_that_its_disc_does_not_reach(ra
     cells = np.array([(x, y) for x in np.arange(-0.5, 1.5, 0.05) for y in sides])
     wish = footstep(0.0, 0.07, Pose2(), GAIT)
     assert choose(wish, at(Pose2()), [], cells, np.array([1.0, 0.0]), CONFIG, robot) is wish
-    assert Guard(CONFIG, robot).cell_distance_m == pytest.approx(radius_m + corner_m, abs=1e-3)
+    for wide in (1, 2):
+        guard = Guard(CONFIG, robot, 0.05 * wide)
+        assert guard.cell_distance_m == pytest.approx(radius_m + wide * corner_m, abs=1e-3)
 
 
 def test_the_robot_does_not_follow_an_obstacle_that_may_reverse_closely():
@@ -289,7 +291,7 @@ def test_the_poses_shown_of_a_plan_are_those_that_the_kernel_judges():
         robot, target = Pose2(*rng.uniform(-1.0, 1.0, 3)), rng.uniform(-1.5, 1.5, 2)
         config = replace(CONFIG, steps=guard_module.SHOWN)
         scene = guard_module._Scene(
-            at(robot), [], NOTHING, target, config, DARWIN_OP, 0.0, MotionPatterns()
+            at(robot), [], NOTHING, target, config, DARWIN_OP, 0.0, MotionPatterns(), 0.2
         )
         _, cost = scene.judge(plans)
         for plan, claimed in zip(plans, cost, strict=True):

@@ -13,7 +13,7 @@ from perception.primitives.obstacle import Obstacle
 from perception.primitives.robot_model import DARWIN_OP
 from planning.commands import WalkCommand
 from planning.safety import _guard_arguments, _guard_kernels
-from planning.safety.guard import GuardConfig, _desired_plans, _fixed_plans, _Scene, choose
+from planning.safety.guard import Guard, GuardConfig, _desired_plans, _fixed_plans, _Scene, choose
 from planning.safety.guard_settings import CONTACT_COST_M, PASS_M
 from planning.safety.prediction import MotionPatterns
 
@@ -26,8 +26,9 @@ def judged_plans(desired, robot, obstacles, occupied, target):
     """(first step, harm) of every plan, all rolled out to the end, the best first."""
     plans = np.concatenate([_desired_plans(desired, GAIT), _fixed_plans(CONFIG.steps, GAIT)])
     scene = _Scene(
-        robot, obstacles, occupied, target, WITHOUT_MEMORY, DARWIN_OP, 0.0, MotionPatterns()
-    )
+        robot, obstacles, occupied, target, WITHOUT_MEMORY, DARWIN_OP, 0.0, MotionPatterns(),
+        Guard(CONFIG).cell_distance_m,
+    )  # fmt: skip
     harm, cost = scene.judge(plans)
     order = np.argsort(cost, kind="stable")
     if harm[0] <= PASS_M:

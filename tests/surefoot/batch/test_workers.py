@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from perception.primitives.errors import ConfigError, InputError
+from surefoot import cores
 from surefoot.batch import dask_cluster, pool, worker
 from surefoot.batch.job import Job
 from surefoot.batch.pool import Pool, how_many
@@ -84,7 +85,7 @@ def test_a_worker_ends_with_whoever_started_it(strange):
 
 def test_workers_that_do_not_fit_into_the_memory_are_refused(monkeypatch):
     monkeypatch.setattr(pool, "free_gib", lambda: 10.0)
-    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    monkeypatch.setattr(cores, "available", lambda: 8)
     assert how_many(None, 4.0) == 2
     assert how_many(None, 1.0) == 8
     for wanted, memory in ((3, 4.0), (None, 11.0)):

@@ -75,17 +75,12 @@ def test_the_compiled_peer_gives_the_same_numbers_as_the_one_in_numpy(name):
     np.testing.assert_allclose(module.compiled(*given), module.in_numpy(*given), atol=1e-9)
 
 
-def test_the_filters_at_once_in_numpy_give_the_numbers_of_filterpy():
+def test_the_textbook_filter_in_numpy_and_filterpy_give_the_numbers_of_ours():
     ukf = importlib.import_module("surefoot.benchmarks.ukf")
-    for kind, at_once in (
-        ("position", ukf.batched_linear),
-        ("polar", ukf.batched_sigma_points),
-    ):
-        start, measured = ukf.scene(kind, 16, np.random.default_rng(1))
-        measured = measured[:10]
-        one_by_one = ukf.theirs(kind, ukf.peers(kind, start), start, measured)
-        for ours, theirs in zip(at_once(start, measured), one_by_one, strict=True):
-            np.testing.assert_allclose(ours, theirs, atol=1e-9)
+    steps = ukf.walk(np.random.default_rng(1))
+    ours, theirs = (ukf.by(ukf.ukf_engine(name, ukf.START), steps) for name in ukf.ENGINES)
+    assert ukf.apart(ours, theirs) < 1e-9
+    assert ukf.apart(ours, ukf.in_numpy(steps)) < 1e-9
 
 
 def test_every_benchmark_has_bounds_on_time_and_all_but_one_on_errors():

@@ -144,7 +144,7 @@ def test_filters_by_filterpy_and_gtsam_resume_too(short, tmp_path, monkeypatch, 
     config = dataclasses.replace(
         Config(),
         localiser=dataclasses.replace(Config().localiser, **setting),
-        tracker=dataclasses.replace(Config().tracker, motion_model="filterpy", hits_to_show=1),
+        tracker=dataclasses.replace(Config().tracker, hits_to_show=1),
     )
     process.process(short, None, config, tmp_path / "whole", quiet)
     monkeypatch.setattr(checkpoint, "EVERY_S", 0.0)

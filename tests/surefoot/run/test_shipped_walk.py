@@ -76,13 +76,9 @@ def test_its_map_agrees_with_the_room(metrics):
     assert metrics["grid_correct_share"] >= 0.95
 
 
-def test_filterpy_in_place_of_the_compiled_filters_gives_the_same_walk_and_tracks(run, tmp_path):
+def test_filterpy_in_place_of_the_compiled_filter_gives_the_same_walk_and_tracks(run, tmp_path):
     ours = Config()
-    config = replace(
-        ours,
-        localiser=replace(ours.localiser, engine="filterpy"),
-        tracker=replace(ours.tracker, motion_model="filterpy"),
-    )
+    config = replace(ours, localiser=replace(ours.localiser, engine="filterpy"))
     process.process(WALK, None, config, tmp_path / "run", lambda text: None)
     one, other = (read(folder) for folder in (run, tmp_path / "run"))
     assert [row["track"] for row in one.tracks] == [row["track"] for row in other.tracks]

@@ -24,7 +24,7 @@ def seen(riser=0.18, tread=0.28, turn=0.0, edge=TRUE.first_edge):
 
 def answer(sensor, kind, found=False, ramps=0):
     values = (0.001, 0.002, 0.01, 0.0, 0.0) if found else (math.nan,) * 5
-    return Answer(sensor, kind, 1.0, found, ramps, 3, values, (1.0,) * 4)
+    return Answer(sensor, kind, 1.0, found, ramps, values, (1.0,) * 4)
 
 
 def test_errors_are_true_minus_measured_and_nees_is_in_units_of_the_claims():

@@ -20,16 +20,21 @@ from jaxtyping import Float
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.robot_model import DARWIN_OP, RobotModel
+from planning.commands import WalkCommand
+from planning.footsteps import limited_step
 
-from ..commands import WalkCommand
-from ..footsteps import limited_step
 from . import _baseline_kernels as kernels
-from .step_filter import BASELINE_CELL_M, BASELINE_MARGIN_M
 
 SPEEDS, TURNS = 9, 15  # ours: from backwards to cruise, and top speed; from right to left
 HORIZON_S = 5.2  # ours: eight steps
 NEAR_M = 1.2  # ours: farther cells are out of reach
 CLEAR_M = 0.5  # ours: clearance that scores fully
+BASELINE_CELL_M = 0.17
+"""Ours: distance that the baselines keep from the middle of an occupied cell, for a DARwIn-OP."""
+
+BASELINE_MARGIN_M = 0.05
+"""Ours: margin of the baselines to moving obstacles, as the guard's default."""
+
 HEADING, CLEARANCE, SPEED = 0.8, 0.1, 0.1  # Fox 1997: weights of 2, 0.2 and 0.2, here of a sum of 1
 
 

@@ -20,11 +20,11 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import DARWIN_OP, RobotModel
+from planning.commands import WalkCommand
+from planning.footsteps import footstep
 
-from ..commands import WalkCommand
-from ..footsteps import footstep
 from . import _baseline_kernels as kernels
-from .step_filter import BASELINE_CELL_M, BASELINE_MARGIN_M
+from .dynamic_window import BASELINE_CELL_M, BASELINE_MARGIN_M
 
 DIRECTIONS, SPEEDS = 48, 4  # ours: the fan, up to top speed; and standing
 HORIZON_S = 8.0  # ours: as the guard

@@ -13,9 +13,9 @@ from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import GaitLimits
 from planning.commands import WalkCommand
 from planning.footsteps import footstep
-from planning.safety.dynamic_window import DynamicWindow
 from planning.safety.step_filter import StepFilter, Unfiltered
-from planning.safety.velocity_obstacles import VelocityObstacles
+from surefoot.experiments.support.dynamic_window import DynamicWindow
+from surefoot.experiments.support.velocity_obstacles import VelocityObstacles
 
 GAIT = GaitLimits()
 NOTHING = np.zeros((0, 2))
