@@ -20,7 +20,7 @@ from perception.primitives.pose import Pose2
 DESCRIPTION_FILE = "recording.toml"
 """What a user tells about a folder, see `description`."""
 LAST_STAMP_S = 1.67e10  # ours: in 2499; stamps in ms or ns are later, and MCAP ends in 2554
-FOLLOWING = 8  # ours: stamps that show whether the one before them is too late; up to four in a row may be
+FOLLOWING = 8  # ours: stamps that show whether the one before is too late; four in a row may be
 T = TypeVar("T")
 
 
