@@ -28,7 +28,7 @@ from perception.primitives.plane import Plane
 from perception.primitives.settings import setting
 
 from .. import open3d_objects
-from . import _evidence_kernels, _terrain_kernels
+from . import _evidence_kernels, _terrain_kernels, hanging
 from .cell_points import check_one_a_point, gather
 from .evidence import (
     OBSTACLE_POINTS,
@@ -98,6 +98,7 @@ class EgocentricGrid(Window):
         self._height_m = np.full((n, n), np.nan, np.float32)
         self._variance_m2 = np.full((n, n), np.nan, np.float32)
         self._raised = np.zeros((n, n), np.bool_)  # the height is that of an obstacle
+        self._hanging = np.zeros((n, n), np.bool_)  # the obstacle has room below it, see `hanging`
         unseen = {"log_odds": np.inf, "height_m": np.nan, "height_variance_m2": np.nan}
         for name, layer in self._named_layers().items():
             self._add_layer(layer, unseen.get(name, 0.0))
@@ -175,6 +176,7 @@ class EgocentricGrid(Window):
             "height_m": self._height_m,
             "height_variance_m2": self._variance_m2,
             "raised": self._raised,
+            "hanging": self._hanging,
         }
 
     # Updates
@@ -190,6 +192,7 @@ class EgocentricGrid(Window):
         sigma_m: Float[np.ndarray, "n"] | None = None,
         floor: Plane | None = None,
         pose: Gaussian | None = None,
+        sees_through: hanging.SeesThrough | None = None,
     ) -> None:
         """Update the map by one frame; each cell changes at most once.
 
@@ -205,6 +208,8 @@ class EgocentricGrid(Window):
             sigma_m: Standard deviation of each height by depth noise, m; None: from the scatter in a cell.
             floor: The floor in the world frame, for its covariance; None: without error.
             pose: (x, y, yaw) of the body, world frame; None: without error.
+            sees_through: Which places the frame sees through, for what hangs above the floor (see `hanging`); None, or
+                points without heights: nothing is known to hang.
 
         Raises:
             InputError: The number of flags or sigmas differs from the number of points.
@@ -218,6 +223,8 @@ class EgocentricGrid(Window):
             sensor = (sensor_xy - origin) / self.cell_m
             share = min(1.0, LOWEST_OBSTACLE_M / sensor_height_m)
             _terrain_kernels.clear_before_floor(self._counts, sensor, share)
+        if sees_through is not None and points.shape[1] == 3:
+            self._note_hanging(sees_through)
         corner = int(self._corner[1]), int(self._corner[0])
         layers = self._log_odds, self._updated_s, self._moving
         update_cells(self._counts, layers, corner, stamp_s, self.config.evidence)
@@ -236,7 +243,17 @@ class EgocentricGrid(Window):
             ),
         )
         self._tally[-1] = 0
+        self._hanging &= (self._log_odds > 0.0) & ~self._moving
         self._latest_s = stamp_s
+
+    def _note_hanging(self, sees_through: hanging.SeesThrough) -> None:
+        """Note what hangs; what is known of the floor below it does not apply to it."""
+        hangs, heights_m = self.unrolled(self._hanging), self.unrolled(self._height_m)
+        fresh = hanging.note(
+            self._counts, self._sums, hangs, heights_m, self.origin, self.cell_m, sees_through
+        )
+        self._hanging[...] = self.rolled(hangs)
+        self._log_odds[self.rolled(fresh) & (self._log_odds < 0.0)] = np.inf
 
     def _count(
         self,
@@ -289,6 +306,7 @@ class EgocentricGrid(Window):
         for centre, radius_m in zip(centres, radii_m, strict=True):
             inside = np.sum((self.centres() - centre) ** 2, axis=-1) <= float(radius_m) ** 2
             mark_moving(self._log_odds, self._moving, self.rolled(inside))
+        self._hanging &= ~self._moving
 
     def _forget_heights(self, cells: np.ndarray) -> None:
         self._height_m[cells] = np.nan
