@@ -223,11 +223,14 @@ class EgocentricGrid(Window):
             sensor = (sensor_xy - origin) / self.cell_m
             share = min(1.0, LOWEST_OBSTACLE_M / sensor_height_m)
             _terrain_kernels.clear_before_floor(self._counts, sensor, share)
-        if sees_through is not None and points.shape[1] == 3:
-            self._note_hanging(sees_through)
         corner = int(self._corner[1]), int(self._corner[0])
-        layers = self._log_odds, self._updated_s, self._moving
-        update_cells(self._counts, layers, corner, stamp_s, self.config.evidence)
+        place = _terrain_kernels.Placement(*corner, float(origin[0]), float(origin[1]), self.cell_m)
+        if sees_through is not None and points.shape[1] == 3:
+            layers = self._hanging, self._height_m, self._log_odds
+            below = hanging.note(self._counts, self._sums, *layers, place, sees_through)
+            self._log_odds[below] = np.inf
+        evidence = self._log_odds, self._updated_s, self._moving
+        update_cells(self._counts, evidence, corner, stamp_s, self.config.evidence)
         _terrain_kernels.fuse_heights(
             self._counts,
             self._sums,
@@ -235,7 +238,7 @@ class EgocentricGrid(Window):
             self._height_m,
             self._variance_m2,
             self._raised,
-            _terrain_kernels.Placement(*corner, float(origin[0]), float(origin[1]), self.cell_m),
+            place,
             floor_form(floor),
             pose_form(pose),
             _terrain_kernels.HeightRule(
@@ -245,15 +248,6 @@ class EgocentricGrid(Window):
         self._tally[-1] = 0
         self._hanging &= (self._log_odds > 0.0) & ~self._moving
         self._latest_s = stamp_s
-
-    def _note_hanging(self, sees_through: hanging.SeesThrough) -> None:
-        """Note what hangs; what is known of the floor below it does not apply to it."""
-        hangs, heights_m = self.unrolled(self._hanging), self.unrolled(self._height_m)
-        fresh = hanging.note(
-            self._counts, self._sums, hangs, heights_m, self.origin, self.cell_m, sees_through
-        )
-        self._hanging[...] = self.rolled(hangs)
-        self._log_odds[self.rolled(fresh) & (self._log_odds < 0.0)] = np.inf
 
     def _count(
         self,

@@ -13,9 +13,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Bool, Float, Int32
+from jaxtyping import Bool, Float, Float32, Int, Int32
 
-from ._terrain_kernels import RAY
+from . import _hanging_kernels
+from ._terrain_kernels import Placement
 from .evidence import OBSTACLE_POINTS
 
 LOWEST_M = 0.10  # ours: the foot of what stands is seen below this height
@@ -27,47 +28,34 @@ SeesThrough = Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, "n"]]
 def note(
     counts: Int32[np.ndarray, "3 rows columns"],
     sums: Float[np.ndarray, "t 3"],
-    hanging: Bool[np.ndarray, "rows columns"],
-    height_m: Float[np.ndarray, "rows columns"],
-    origin: Float[np.ndarray, "2"],
-    cell_m: float,
+    hanging: Bool[np.ndarray, "a b"],
+    height_m: Float32[np.ndarray, "a b"],
+    log_odds: Float32[np.ndarray, "a b"],
+    place: Placement,
     sees_through: SeesThrough,
-) -> Bool[np.ndarray, "rows columns"]:
+) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
     """Note what a look shows to hang, and let floor below count only where the look sees through its height.
 
     Args:
         counts: Points of each kind (floor, static, moving) in each cell of a window; changed: no floor, or at least a
             ray, in hanging cells without an obstacle.
         sums: Of `cell_points.gather`, over the same points; changed: without that floor.
-        hanging: Cells of the window in which something hangs; changed.
+        hanging: Cells of the map in which something hangs; changed.
         height_m: Its height above the floor.
-        origin: Lower left corner of the window, world frame, m.
-        cell_m: Side of a cell.
+        log_odds: Of occupancy.
+        place: The window in the map.
         sees_through: Of the frame.
 
     Returns:
-        The cells that now hang and did not before.
+        Rows and columns in the map of the cells that hang from now on and were free: that was known of their floor.
     """
-    static, columns = counts[1].ravel(), counts.shape[2]
-    flat = np.flatnonzero(static >= OBSTACLE_POINTS)
-    mean_m, mean_m2 = (sums[static.size + flat, :2] / static[flat, None]).T
-    lowest_m = mean_m - 2.0 * np.sqrt(np.maximum(mean_m2 - mean_m**2, 0.0))
-    high = lowest_m > LOWEST_M
-    hanging.flat[flat[~high]] = False
-    new = high & ~hanging.flat[flat]
-    without = np.flatnonzero(hanging & (counts[1] + counts[2] < OBSTACLE_POINTS))
-    cells = np.concatenate([flat[new], without])
-    fresh = np.zeros_like(hanging)
+    cells, there, places = _hanging_kernels.questions(
+        counts, sums, hanging, height_m, place, OBSTACLE_POINTS, LOWEST_M, BELOW_M
+    )
     if len(cells) == 0:
-        return fresh
-    row, column = np.divmod(cells, columns)
-    heights_m = np.concatenate([lowest_m[new] - BELOW_M, height_m.flat[without]])
-    across = origin + cell_m * (np.column_stack([column, row]) + 0.5)
-    through = sees_through(np.column_stack([across, heights_m]))
-    fresh.flat[flat[new]] = through[: len(cells) - len(without)]
-    hanging |= fresh
-    seen = through[len(cells) - len(without) :]
-    below, free = without[~seen], without[seen]
-    counts[0].flat[below], sums[below] = 0, 0.0
-    counts[0].flat[free[counts[0].flat[free] == 0]] = RAY
-    return fresh
+        return there[:, 0], there[:, 1]
+    through = sees_through(places)
+    fresh = _hanging_kernels.answer(counts, sums, hanging, cells, there, through)
+    row, column = there[fresh].T
+    free = log_odds[row, column] < 0.0
+    return row[free], column[free]

@@ -215,10 +215,9 @@ class WorldMap:
         self._restless.update(self._tiles.keys_in(low, shape, make=True))
         cells = self._tiles.read(low, shape)
         if sees_through is not None:
-            hangs, heights_m, corner = cells["hanging"], cells["height_m"], np.array([x, y])
-            fresh = hanging.note(counts, sums, hangs, heights_m, corner, self.cell_m, sees_through)
-            for name in ("looks", "hits"):
-                cells[name][fresh & (cells["log_odds"] < 0.0)] = 0.0
+            layers = cells["hanging"], cells["height_m"], cells["log_odds"]
+            below = hanging.note(counts, sums, *layers, place, sees_through)
+            cells["looks"][below] = cells["hits"][below] = 0.0
         verdicts, weights = np.empty((2, *shape), np.float32)
         _look_kernels.judge(counts, sums, place, camera.astype(np.float64), RULE, verdicts, weights)
         looks, frames, heights = (
