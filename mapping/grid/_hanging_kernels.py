@@ -30,16 +30,16 @@ def questions(
         place: The window.
         least: Obstacle points of a cell.
         lowest_m: Points down to this height are of what stands.
-        below_m: How far below the lowest points of an obstacle a place lies.
+        below_m: How far below the lowest points of an obstacle one of its two places lies; the other is half as high.
 
     Returns:
         Row and column in the window and whether the cell is a new one, (n, 3); row and column in the map, (n, 2); and
         the places, (n, 3), m.
     """
     rows, columns = counts.shape[1], counts.shape[2]
-    cells = np.empty((rows * columns, 3), np.int64)
-    there = np.empty((rows * columns, 2), np.int64)
-    places = np.empty((rows * columns, 3))
+    cells = np.empty((2 * rows * columns, 3), np.int64)
+    there = np.empty((2 * rows * columns, 2), np.int64)
+    places = np.empty((2 * rows * columns, 3))
     n = 0
     for row in range(rows):
         r = (place.row + row) % hanging.shape[0]
@@ -47,7 +47,7 @@ def questions(
             c = (place.column + column) % hanging.shape[1]
             static, mobile = counts[1, row, column], counts[2, row, column]
             known = hanging[r, c]
-            height = float(heights[r, c])
+            upper = lower = float(heights[r, c])
             if static >= least:
                 entry = rows * columns + row * columns + column
                 mean = sums[entry, 0] / static
@@ -57,15 +57,16 @@ def questions(
                     hanging[r, c] = False
                 if known or lowest <= lowest_m:
                     continue
-                height = lowest - below_m
+                upper, lower = lowest - below_m, 0.5 * lowest
             elif not known or static + mobile >= least:
                 continue
-            cells[n, 0], cells[n, 1], cells[n, 2] = row, column, static >= least
-            there[n, 0], there[n, 1] = r, c
-            places[n, 0] = place.x_m + (column + 0.5) * place.cell_m
-            places[n, 1] = place.y_m + (row + 0.5) * place.cell_m
-            places[n, 2] = height
-            n += 1
+            for question in range(2 if static >= least else 1):
+                cells[n, 0], cells[n, 1], cells[n, 2] = row, column, static >= least
+                there[n, 0], there[n, 1] = r, c
+                places[n, 0] = place.x_m + (column + 0.5) * place.cell_m
+                places[n, 1] = place.y_m + (row + 0.5) * place.cell_m
+                places[n, 2] = lower if question else upper
+                n += 1
     return cells[:n], there[:n], places[:n]
 
 
@@ -88,14 +89,14 @@ def answer(
         through: (n,) bool, whether the frame sees through each place.
 
     Returns:
-        (n,) bool, the cells that hang from now on.
+        (n,) bool, the places that show that their cell hangs from now on.
     """
     fresh = np.zeros(len(cells), np.bool_)
     for k in range(len(cells)):
         row, column = cells[k, 0], cells[k, 1]
         if cells[k, 2] == 1:
             fresh[k] = through[k]
-            hanging[there[k, 0], there[k, 1]] = through[k]
+            hanging[there[k, 0], there[k, 1]] |= through[k]
         elif not through[k]:
             counts[0, row, column] = 0
             sums[row * counts.shape[2] + column] = 0.0

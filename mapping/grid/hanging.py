@@ -20,7 +20,7 @@ from ._terrain_kernels import Placement
 from .evidence import OBSTACLE_POINTS
 
 LOWEST_M = 0.10  # ours: the foot of what stands is seen below this height
-BELOW_M = 0.08  # ours: this far below its lowest points, two standard deviations below their mean
+BELOW_M = 0.08  # ours: this far below its lowest points, or half as high, a look sees through
 SeesThrough = Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, "n"]]
 """Whether a frame sees through places: (n, 3), world frame and height above the floor, m."""
 

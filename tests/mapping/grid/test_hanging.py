@@ -42,6 +42,7 @@ def test_kernels_and_numpy_agree(seed):
     row, column = np.indices((N, N))
     xy = [1.0 + CELL_M * (column + 0.5), -2.0 + CELL_M * (row + 0.5)]
     below = through(np.stack([*xy, lowest_m - hanging.BELOW_M], axis=-1))
+    below |= through(np.stack([*xy, 0.5 * lowest_m], axis=-1))
     at_height = through(np.stack([*xy, height_m], axis=-1))
     high = lowest_m > hanging.LOWEST_M
     fresh = high & ~known & below
