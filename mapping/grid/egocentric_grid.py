@@ -5,7 +5,7 @@ cell, the grid shifts by whole cells; an index offset moves, the data does not.
 
 Floor points prove free space. A ray that ends farther away proves little about the cells below it, as this
 camera looks over low boxes. Only the last part of a ray before a floor point, where the ray is lower than any
-obstacle, also counts as seen floor (ours).
+obstacle, also counts as seen floor (ours). Below a table top floor proves nothing (`hanging`, ours).
 
 Each cell holds the occupancy probability, the time of its last update, and a surface height with its
 variance.
