@@ -75,6 +75,7 @@ def answer(
     counts: np.ndarray,
     sums: np.ndarray,
     hanging: np.ndarray,
+    log_odds: np.ndarray,
     cells: np.ndarray,
     there: np.ndarray,
     through: np.ndarray,
@@ -85,18 +86,20 @@ def answer(
         counts: Of `questions`; changed: no floor, or at least a ray, in hanging cells without an obstacle.
         sums: Likewise; changed: without that floor.
         hanging: Likewise; changed.
+        log_odds: Same shape, of occupancy; one look at what hangs in a free or unseen cell may be a flying pixel.
         cells, there: Of `questions`.
         through: (n,) bool, whether the frame sees through each place.
 
     Returns:
-        (n,) bool, the places that show that their cell hangs from now on.
+        (n,) bool, the places that show that something hangs in their cell.
     """
     fresh = np.zeros(len(cells), np.bool_)
     for k in range(len(cells)):
         row, column = cells[k, 0], cells[k, 1]
         if cells[k, 2] == 1:
             fresh[k] = through[k]
-            hanging[there[k, 0], there[k, 1]] |= through[k]
+            if through[k] and 0.0 < log_odds[there[k, 0], there[k, 1]] < np.inf:
+                hanging[there[k, 0], there[k, 1]] = True
         elif not through[k]:
             counts[0, row, column] = 0
             sums[row * counts.shape[2] + column] = 0.0

@@ -1,9 +1,10 @@
 """Obstacles that hang: table tops, bars and seats, with room below them that a camera sees.
 
 A floor point proves that nothing stands at its place. It says nothing of a top above it, which from near is beyond the
-upper border of the image. A cell hangs if a look shows obstacle points in it, all well above the floor, and sees
-through below them. What was known of its floor then no longer applies, and later floor points count only in a frame
-that sees through the height of what hangs. A thing that moves does not hang: floor at its place frees it.
+upper border of the image. A look shows that something hangs in a cell if it has obstacle points in it, all well above
+the floor, and sees through below them. What was known of the floor then no longer applies. From the second such look
+on, as the first may be of flying pixels, floor points count only in a frame that sees through the height of what
+hangs. A thing that moves does not hang: floor at its place frees it.
 
 Source: ours.
 """
@@ -47,7 +48,8 @@ def note(
         sees_through: Of the frame.
 
     Returns:
-        Rows and columns in the map of the cells that hang from now on and were free: that was known of their floor.
+        Rows and columns in the map of the free cells in which the look shows something that hangs: that they are free
+        was known of their floor.
     """
     cells, there, places = _hanging_kernels.questions(
         counts, sums, hanging, height_m, place, OBSTACLE_POINTS, LOWEST_M, BELOW_M
@@ -55,7 +57,7 @@ def note(
     if len(cells) == 0:
         return there[:, 0], there[:, 1]
     through = sees_through(places)
-    fresh = _hanging_kernels.answer(counts, sums, hanging, cells, there, through)
+    fresh = _hanging_kernels.answer(counts, sums, hanging, log_odds, cells, there, through)
     row, column = there[fresh].T
     free = log_odds[row, column] < 0.0
     return row[free], column[free]

@@ -46,7 +46,7 @@ def test_kernels_and_numpy_agree(seed):
     at_height = through(np.stack([*xy, height_m], axis=-1))
     high = lowest_m > hanging.LOWEST_M
     fresh = high & ~known & below
-    hangs = (known & ~(lowest_m <= hanging.LOWEST_M)) | fresh
+    hangs = (known & ~(lowest_m <= hanging.LOWEST_M)) | (fresh & (odds > 0.0))
     bare = known & (counts[1] + counts[2] < 3)
     floor = np.where(bare & ~at_height, 0, counts[0])
     floor = np.where(bare & at_height & (floor == 0), RAY, floor)
