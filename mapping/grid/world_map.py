@@ -175,6 +175,18 @@ class WorldMap:
         lattice = np.floor(xy * (1.0 / self.cell_m)).astype(np.int64)
         return (lattice - self._first)[..., ::-1]
 
+    def standing(
+        self, x: Float[np.ndarray, "columns"], y: Float[np.ndarray, "rows"]
+    ) -> tuple[Float32[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]]:
+        """Probability by the looks alone, and whether a cell was seen and does not move, at ascending x and y, m."""
+        columns, rows = (np.floor(v * (1.0 / self.cell_m)).astype(np.int64) for v in (x, y))
+        shape = int(rows[-1] - rows[0]) + 1, int(columns[-1] - columns[0]) + 1
+        low = np.array([columns[0], rows[0]])
+        layers = self._tiles.read(low, shape, ("log_odds", "moving"))
+        places = np.ix_(rows - rows[0], columns - columns[0])
+        odds, moving = (layer[places] for layer in layers.values())
+        return probability_of(odds), np.isfinite(odds) & ~moving
+
     def update(
         self,
         points: Float[np.ndarray, "n 3"],

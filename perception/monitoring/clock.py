@@ -40,6 +40,13 @@ class UsualIntervals:
         recent = self._recent.get(by)
         return sorted(recent)[len(recent) // 2] if recent else None
 
+    def expected(self, by: Ends) -> float | None:
+        """The usual interval, s; for a robot that stands the longest of all, since it may stand as long as a step takes."""
+        usual_s = self.usual(by)
+        if usual_s is None or by[1] != 0.0:
+            return usual_s
+        return max(one for other in self._recent if (one := self.usual(other)) is not None)
+
     def missing(self, by: Ends, elapsed_s: float) -> float:
         """Time without measurements in an interval, s; 0 for a usual one.
 
@@ -47,7 +54,7 @@ class UsualIntervals:
             by: What ends it.
             elapsed_s: Its length.
         """
-        usual_s = self.usual(by)
+        usual_s = self.expected(by)
         self._recent.setdefault(by, deque(maxlen=RECENT)).append(elapsed_s)
         if usual_s is None or elapsed_s <= LONG * usual_s + JITTER_S:
             return 0.0

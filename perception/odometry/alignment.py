@@ -102,7 +102,7 @@ def align(
     config = config or AlignConfig()
     grey_sigma = GREY_SIGMA if _with_grey(target, source, config) else 0.0
     tried = [(0.0, start.matrix, np.array([grey_sigma, 0.0])) for start in starts]
-    for number in range(len(source.levels) - 1, -1, -1):
+    for number in range(_coarsest(target, source), -1, -1):
         refined = []
         for _, T, light in tried:
             totals = _refine(target, source, number, T, light)
@@ -185,6 +185,11 @@ def evaluate(
     return Alignment(Pose3.from_matrix(T), covariance, fitting, visible, contradicting, error)
 
 
+def _coarsest(target: Pyramid, source: Pyramid) -> int:
+    """Number of the coarsest level that both have; a small image has fewer."""
+    return min(len(target.levels), len(source.levels)) - 1
+
+
 def _refine(
     target: Pyramid,
     source: Pyramid,
@@ -194,7 +199,7 @@ def _refine(
 ) -> np.ndarray:
     """Refine T on one level; the gate is wide on the coarsest level and narrows from there."""
     to, of = target.levels[number], source.levels[number]
-    coarsest = number == len(source.levels) - 1
+    coarsest = number == _coarsest(target, source)
     least = FINEST_GATE_M * 2.0**number
     totals = np.empty(kernels.TOTALS)
     gate = COARSEST_GATE_M if coarsest else least

@@ -9,7 +9,7 @@ Source: seed 004 (MDGHM-SIFT); Fischler and Bolles 1981 (RANSAC); Horn 1987 (mot
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -26,6 +26,7 @@ NEAR_SHARE = 0.02  # ours: or as a share of its depth
 SAMPLES = 300  # ours: triples; finds 15 % inliers with 63 %, 25 % with 99 %
 LEAST_MATCHES = 10  # ours: five or six agree by chance
 SIMILAR = 0.85  # ours: least product of two descriptors of one feature
+COARSE_PX = 200.0  # ours: a shorter focal length shows a third of the features of a usual one
 
 
 @dataclass(frozen=True)
@@ -53,12 +54,20 @@ class Place:
     points: Float[np.ndarray, "n 3"]
 
 
-def describe(number: int, image: Pyramid, config: PlacesConfig | None = None) -> Place:
-    """Extract the place of an image; without a colour image, its depth serves as one."""
+def for_any_camera(config: PlacesConfig, image: Pyramid) -> PlacesConfig:
+    """The features that match those of other cameras: a coarse image is upsampled, to show as fine ones as another."""
+    coarse = image.levels[0].camera.fx < COARSE_PX
+    return replace(config, sift=replace(config.sift, upsample=config.sift.upsample or coarse))
+
+
+def describe(
+    number: int, image: Pyramid, config: PlacesConfig | None = None, by_depth: bool = False
+) -> Place:
+    """Extract the place of an image; without a colour image, or if asked, its depth serves as one."""
     config = config or PlacesConfig()
     level = image.levels[0]
     valid = np.isfinite(level.z) & (level.z < FARTHEST_M)
-    if image.has_grey:
+    if image.has_grey and not by_depth:
         picture = level.grey.astype(np.uint8)
     else:
         picture = pictures.range_picture(level.z, FARTHEST_M)

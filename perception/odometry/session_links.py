@@ -14,13 +14,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
 from ..primitives.pose import Pose3
 from .alignment import AlignConfig, Alignment, align, evaluate
-from .place_recognition import SIMILAR, Place, PlacesConfig, motion_between
+from .place_recognition import (
+    LEAST_MATCHES,
+    SIMILAR,
+    Place,
+    PlacesConfig,
+    describe,
+    for_any_camera,
+    motion_between,
+)
 from .pyramid import Pyramid
 
 # Ours, as all thresholds below: chosen on homes of seeds 100 to 103 and a synthetic room.
@@ -65,10 +74,15 @@ class View:
 
 
 class Session:
-    """The images of one session, in order of time; recently used ones are kept decompressed."""
+    """The images of one session, in order of time; recently used ones are kept decompressed.
 
-    def __init__(self, views: Sequence[View]) -> None:
-        self.views = tuple(views)
+    Args:
+        views: The images.
+        of_depth: Whether their features are of depth images though there is colour.
+    """
+
+    def __init__(self, views: Sequence[View], of_depth: bool = False) -> None:
+        self.views, self._of_depth = tuple(views), of_depth
         self._pyramids: dict[int, Pyramid] = {}
         counts = [len(view.place.descriptors) for view in self.views]
         self._begins = np.concatenate([[0], np.cumsum(counts)])
@@ -89,6 +103,25 @@ class Session:
                 del self._pyramids[next(iter(self._pyramids))]
             self._pyramids[index] = self.views[index].place.image.pyramid()
         return self._pyramids[index]
+
+    @cached_property
+    def has_colour(self) -> bool:
+        """Whether the features of most of its images are of pictures, not of depth."""
+        images = [view.place.image for view in self.views]
+        count = sum(image.grey.shape == image.z.shape for image in images)
+        return not self._of_depth and 2 * count > len(images)
+
+    @cached_property
+    def by_depth(self) -> Session:
+        """The same with the features of its depth images, as those of a camera without colour."""
+        views = []
+        for view in self.views:
+            image = view.place.image.pyramid()
+            place = describe(
+                view.place.number, image, for_any_camera(PlacesConfig(), image), by_depth=True
+            )
+            views.append(View(place, view.T_session_camera))
+        return Session(views, of_depth=True)
 
     def similarities(self, place: Place) -> Float[np.ndarray, "n"]:
         """Of every image: the share of a place's features with a close match in it."""
@@ -125,11 +158,12 @@ class PairLinks:
 
     Args:
         links: Agreeing ones.
-        probability: That both show one place, at the motion of the links.
+        probability: That both show one place, at the motion of the links; NaN if the two were not compared.
         views: Linked images of the session that has fewer of them.
         compared: Pairs of images that overlap if it is one place.
         fitting: Share of inliers over all of these; NaN without any.
         contradicting: Share of points where the other session saw free space; likewise.
+        reason: Why the two were not compared; empty if they were.
     """
 
     links: tuple[Link, ...] = ()
@@ -138,6 +172,7 @@ class PairLinks:
     compared: int = 0
     fitting: float = math.nan
     contradicting: float = math.nan
+    reason: str = ""
 
 
 def link_sessions(
@@ -156,13 +191,16 @@ def link_sessions(
         config: Alignment; the default if None.
 
     Returns:
-        No links and a small probability where nothing is recognised.
+        No links and a small probability where nothing is recognised; an unknown one if it could not be, since a
+        session shows too few features, or has no colour. Without colour in one session, both are recognised by depth.
     """
     places, config = places or PlacesConfig(), config or AlignConfig()
+    if first.has_colour != second.has_colour:
+        first, second = first.by_depth, second.by_depth
     proposed = list(_proposals(first, second, rng, places, config))
     agreed = _consensus(first, second, proposed)
     if not agreed:
-        return PairLinks()
+        return _not_recognised(first, second)
     links, compared = _overlapping(first, second, agreed, config)
     links = _consensus(first, second, links)
     views = min(len({one.before for one in links}), len({one.after for one in links}))
@@ -173,6 +211,19 @@ def link_sessions(
     against = sum(one.contradicting * one.visible for one in compared) / visible
     probability = place_probability(views, fitting, against)
     return PairLinks(tuple(links), probability, views, len(compared), fitting, against)
+
+
+def _not_recognised(first: Session, second: Session) -> PairLinks:
+    """No links; whether that speaks against one place."""
+    both = (first, second)
+    most = min(max((len(v.place.descriptors) for v in one.views), default=0) for one in both)
+    if most < LEAST_MATCHES:
+        return PairLinks(
+            probability=math.nan, reason="too few features in every image of a session"
+        )
+    if not first.has_colour or not second.has_colour:
+        return PairLinks(probability=math.nan, reason="nothing recognised by depth alone")
+    return PairLinks()
 
 
 def place_probability(views: int, fitting: float, contradicting: float) -> float:

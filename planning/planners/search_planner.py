@@ -100,7 +100,8 @@ class SearchPlanner:
         obstacles = _supposed(world.tracks)
         with watch.stage("route"):
             probability, unknown, occupied = _as_ground(grid)
-            via = self._route.update(probability, unknown, grid.origin, grid.cell_m, robot, goal)
+            ground = probability, unknown, grid.origin, grid.cell_m
+            via = self._route.update(*ground, robot, goal, world.world_map)
         with watch.stage("gaze"):
             expected = self._guard.expected(obstacles, world.stamp_s)
             gaze = self.gaze.next(world.stamp_s, robot, via, expected, GazeContext.of(world))

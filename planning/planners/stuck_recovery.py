@@ -3,7 +3,8 @@
 The grid search plans for a disc. A body is narrower in one direction, and a panorama shows gaps that coarse grid cells
 close. So a robot that has hardly moved for three seconds, with no moving obstacle near, turns to its goal, makes a
 panorama, chooses side, motion and pivot, and walks the legs of that motion; then the planner goes on. A moving
-obstacle that comes near ends the scan, and the planner with its guard decides again.
+obstacle that comes near ends the scan, and the planner with its guard decides again. A passage that turns out to be
+blocked is scanned once more; if that way is blocked too, the planner goes on as well.
 
 Source: the specification's rule of cooperation; seed 004 for the manoeuvre.
 """
@@ -30,6 +31,7 @@ STUCK_S = 3.0  # ... for this long is stuck
 TURNING_RAD = math.radians(2.0)  # ours: a robot that turns is not stuck
 NEAR_M = 1.2  # ours: the guard waits for moving obstacles this near, and the gaze must follow them
 AGAIN_S = 30.0  # ours: least time between two recoveries
+SCANS = 2  # ours: of one recovery; the second knows what blocked the first passage
 
 
 class StuckRecovery:
@@ -79,8 +81,7 @@ class StuckRecovery:
     def decide(self, world: WorldModel) -> Decision:
         """The next footstep, of the planner or of the recovery."""
         if self._manoeuvre is not None:
-            if self._manoeuvre.looking and _disturbed(world):
-                LOG.info("%.1f s: a moving obstacle comes near: scan ended", world.stamp_s)
+            if self._manoeuvre.looking and self._ends(world, len(self._manoeuvre.looks)):
                 self._resume(world.stamp_s)
             else:
                 decision = self._manoeuvre.decide(world)
@@ -93,6 +94,17 @@ class StuckRecovery:
             self._manoeuvre = AvoidancePlanner(self._config, self._goals[self.reached :])
             self._manoeuvre.look_about()
         return decision
+
+    @staticmethod
+    def _ends(world: WorldModel, scans: int) -> bool:
+        """Whether a recovery that is about to scan, or scans, is over."""
+        if scans >= SCANS:
+            LOG.info("%.1f s: no passage found: recovery ended", world.stamp_s)
+            return True
+        if _disturbed(world):
+            LOG.info("%.1f s: a moving obstacle comes near: scan ended", world.stamp_s)
+            return True
+        return False
 
     def _resume(self, stamp_s: float) -> None:
         """Back to the planner."""

@@ -200,7 +200,7 @@ class _Scene:
         patterns: MotionPatterns,
     ) -> None:
         gait = model.gait
-        hypotheses = Hypotheses(robot, stamp_s, config, model, patterns)
+        hypotheses = Hypotheses(robot, stamp_s, config, model, patterns, occupied)
         everything = [*obstacles, *patterns.remembered(obstacles, stamp_s)]
         for obstacle in everything:
             hypotheses.add(obstacle)

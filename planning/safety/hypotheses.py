@@ -53,7 +53,9 @@ class Hypotheses:
         config: GuardConfig,
         model: RobotModel,
         patterns: MotionPatterns,
+        occupied: Float[np.ndarray, "n 2"],
     ) -> None:
+        self._occupied = occupied
         self._robot, self._stamp_s, self._config, self._patterns = robot, stamp_s, config, patterns
         self._model = model
         samples = 2 * config.steps
@@ -92,7 +94,7 @@ class Hypotheses:
         if away > reach + near + config.margin_m + config.max_sigma_m + SOFT_M:
             return
         goes = _goes(obstacle)
-        if goes < SURE:
+        if goes < SURE and not (goes <= 1.0 - SURE and self._is_in_cells(obstacle)):
             place = self._stands_at(obstacle)
             sigma = min(config.sigmas * _position_sigma(self._robot, obstacle), config.margin_m)
             here = math.dist(place.tolist(), self._here)
@@ -104,6 +106,11 @@ class Hypotheses:
         if goes > 1.0 - SURE:
             covariances = config.sigmas**2 * self._relative(obstacle)
             self._add_moving(going, near + config.margin_m, covariances, goes)
+
+    def _is_in_cells(self, obstacle: Obstacle) -> bool:
+        """Whether occupied cells show where it stands."""
+        gaps = np.linalg.norm(self._occupied - obstacle.position, axis=1)
+        return bool(np.any(gaps <= obstacle.radius_m))
 
     def _relative(self, obstacle: Obstacle) -> Float[np.ndarray, "n 3"]:
         """Variances of x and of y, and their covariance, m^2, of a going obstacle's position relative to the robot."""

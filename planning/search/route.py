@@ -18,12 +18,14 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
+from mapping.grid.world_map import WorldMap
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, wrap_angle
 from perception.primitives.robot_model import DARWIN_OP, RobotModel
 from perception.primitives.settings import setting
 
 from .astar import Path, prepare, search
+from .memory import Ground, with_memory
 from .potential import SearchConfig
 
 # all ours
@@ -110,11 +112,13 @@ class Route:
         cell_m: float,
         robot: Pose2,
         goal: Float[np.ndarray, "2"],
+        world_map: WorldMap | None = None,
     ) -> Float[np.ndarray, "2"]:
         """The present via point, world frame, m; call once per footstep.
 
-        The map may be of any size; outside it the ground counts as unseen. Without a path to the goal the position of the
-        robot is returned and `path` is None.
+        The map may be of any size; outside it the ground is as the world map remembers it, and unseen without one. Memory
+        may be out of date: where it leaves no path, the search goes without it. Without a path to the goal the position of
+        the robot is returned and `path` is None.
 
         Args: as for `planning.search.astar.find_path`.
         """
@@ -122,13 +126,22 @@ class Route:
         if self._goal is None or not np.array_equal(goal, self._goal):
             self._start_anew(goal)
         self._watch_progress(robot, goal)
-        probability, unknown, origin = self._widened(probability, unknown, origin, cell_m, goal)
+        local = probability, unknown, origin
+        grounds = [local] if world_map is None else [with_memory(local, cell_m, world_map), local]
+        found = (self._searched(ground, cell_m, here, goal) for ground in grounds)
+        self.path = next((path for path in found if path is not None), None)
+        return np.asarray(self.ahead(here)[0])
+
+    def _searched(
+        self, ground: Ground, cell_m: float, here: np.ndarray, goal: np.ndarray
+    ) -> Path | None:
+        """The path over a map, near the old one; None if there is none."""
+        probability, unknown, origin = self._widened(*ground, cell_m, goal)
         penalty = self._penalty(probability.shape, origin, cell_m, here)
-        ground = prepare(
+        terrain = prepare(
             probability, unknown, origin, cell_m, here, self._search, penalty, self._robot
         )
-        self.path = search(ground, here, goal, self._search, self._robot)
-        return np.asarray(self.ahead(here)[0])
+        return search(terrain, here, goal, self._search, self._robot)
 
     def ahead(self, here: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 2"]:
         """Way points ahead, the via point first, world frame, m; without a path the position itself."""

@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from perception.depth.sources import FOR_ODOMETRY
 from perception.odometry.back_end import BackEndConfig
-from perception.odometry.place_recognition import describe
+from perception.odometry.place_recognition import describe, for_any_camera
 from perception.odometry.pyramid import build
 from perception.odometry.session_graph import SessionGraph, relative_covariance
 from perception.odometry.session_links import Session, View
@@ -208,7 +208,8 @@ def read_images(mapped: MappedSession, say: Say) -> SessionImages:
         distortion = config.floor_of(source.recording.info.calibrated).distortion.of(image.sensor)
         pyramid = build(image.depth, image.rgb, floor, config.odometer.pyramid, distortion)
         view_error.add(pyramid)
-        views.append(View(describe(len(views), pyramid, places), image.T_map_camera))
+        place = describe(len(views), pyramid, for_any_camera(places, pyramid))
+        views.append(View(place, image.T_map_camera))
         stamps.append(image.stamp_s)
         covariances.append(_in_space(image))
     if not views:

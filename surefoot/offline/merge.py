@@ -35,7 +35,7 @@ class MergeSummary:
         folder: Of the first part; the others are in it.
         sessions: Names of the sessions, in the order of their numbers.
         parts: Numbers of the sessions of each part, from 1.
-        pairs: Of every two sessions: numbers, probability of one place, links.
+        pairs: Of every two sessions: numbers, probability of one place (NaN: not compared), links, and why not compared.
         changes: Number of changes of each part.
         vertices: Of the meshes of the parts.
     """
@@ -43,7 +43,7 @@ class MergeSummary:
     folder: str
     sessions: tuple[str, ...]
     parts: tuple[tuple[int, ...], ...]
-    pairs: tuple[tuple[int, int, float, int], ...]
+    pairs: tuple[tuple[int, int, float, int, str], ...]
     changes: tuple[int, ...]
     vertices: tuple[int, ...]
 
@@ -51,8 +51,13 @@ class MergeSummary:
         """The summary for the terminal."""
         found = [f"session {k}: {name}" for k, name in enumerate(self.sessions, start=1)]
         found += [
-            f"sessions {one} and {other}: one place with probability {chance:.3f}, {links} links"
-            for one, other, chance, links in self.pairs
+            f"sessions {one} and {other}: "
+            + (
+                f"not compared, {why}"
+                if why
+                else f"one place with probability {chance:.3f}, {links} links"
+            )
+            for one, other, chance, links, why in self.pairs
         ]
         for k, part in enumerate(self.parts):
             words = (
@@ -114,7 +119,10 @@ def merge(paths: Sequence[Path], out: Path | None, say: Say, report: bool = True
         str(folder.root),
         tuple(one.name for one in mapped),
         tuple(tuple(k + 1 for k in sessions) for sessions in members),
-        tuple((a + 1, b + 1, one.probability, len(one.links)) for (a, b), one in pairs.items()),
+        tuple(
+            (a + 1, b + 1, one.probability, len(one.links), one.reason)
+            for (a, b), one in pairs.items()
+        ),
         tuple(len(one.changes) for _, one in written),
         tuple(one.vertices for _, one in written),
     )
@@ -171,6 +179,7 @@ def _content(
                 "compared": found.compared,
                 "fitting": found.fitting,
                 "contradicting": found.contradicting,
+                "reason": found.reason,
             }
             for (one, other), found in sorted(pairs.items())
         ],

@@ -20,7 +20,7 @@ from perception.primitives.pose import Pose2
 DESCRIPTION_FILE = "recording.toml"
 """What a user tells about a folder, see `description`."""
 LAST_STAMP_S = 1.67e10  # ours: in 2499; stamps in ms or ns are later, and MCAP ends in 2554
-FOLLOWING = 2  # ours: stamps that show whether the one before them is too late; one could be too early itself
+FOLLOWING = 8  # ours: stamps that show whether the one before them is too late; up to four in a row may be
 T = TypeVar("T")
 
 
@@ -117,8 +117,8 @@ class SkipLog:
     ) -> None:
         """Raise a FrameError for a stamp that is impossible, not later than the one before, or too late.
 
-        Too late is a stamp after both that follow, if these are in order with the one before: it would cost all frames
-        up to it.
+        Too late is a stamp if, of those that follow, as many go on from the stamp before as are late like it: the clock
+        returns to its old course, and this stamp would cost all frames up to it. A clock that was set ahead does not.
 
         Args:
             stamp_s: The stamp.
@@ -133,8 +133,8 @@ class SkipLog:
         if may_go_back:
             return
         before_s = -np.inf if self._stamp_s is None else self._stamp_s
-        after = [one for one in following if not _impossible(one)]
-        late = bool(after) and all(before_s <= one < stamp_s for one in after)
+        after = [one for one in following if before_s <= one and not _impossible(one)]
+        late = 2 * sum(one < stamp_s for one in after) > len(after)
         if late or stamp_s < before_s:
             self._out_of_order += 1
         if late:

@@ -86,7 +86,9 @@ def sessions_section(run: RunFolder) -> str:
         [
             (
                 " and ".join(map(str, pair["sessions"])),
-                f"{pair['probability']:.3f}",
+                f"not compared: {pair.get('reason', 'unknown')}"
+                if pair["probability"] is None
+                else f"{pair['probability']:.3f}",
                 "yes" if pair["merged"] else "no",
                 pair["links"],
             )

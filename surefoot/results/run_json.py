@@ -87,8 +87,8 @@ SHAPES: dict[str, Any] = {
             "from_s": float, "to_s": float,
         }],
         "pairs": [{
-            "sessions": [int, 2], "probability": float, "merged": bool, "links": int, "views": int, "compared": int,
-            "fitting": Maybe(float), "contradicting": Maybe(float),
+            "sessions": [int, 2], "probability": Maybe(float), "merged": bool, "links": int, "views": int, "compared": int,
+            "fitting": Maybe(float), "contradicting": Maybe(float), "reason?": str,
         }],
         "parts": [[int]],
     },

@@ -27,7 +27,7 @@ from .interrupt import stop_requested
 from .level_pipeline import make_pipeline
 from .loop import Cycle, cycles
 from .run_recorder import RunRecorder
-from .summary import Say, Summary
+from .summary import Decided, Say, Summary, why_unfinished
 
 if TYPE_CHECKING:
     from sim.robot import SimulatedRobot
@@ -129,13 +129,15 @@ def simulate(
         if page is not None:
             page.watch(folder)
         stopped = stack.enter_context(stop_requested())
-        interrupted, why = False, ""
+        interrupted, decided = False, list[Decided]()
         limit_s = config.mission.time_limit_s
         for cycle in cycles(body, pipeline, planner, config.planning.robot, limit_s):
             truth.note(cycle.world.stamp_s, faults.touched(), cycle.world.estimate.views)
             moment = recorder.note(cycle)
             watch(cycle)
-            why = why if cycle.decision is None else cycle.decision.why
+            if cycle.decision is not None:
+                here = cycle.world.pose2
+                decided.append(Decided(cycle.world.stamp_s, cycle.decision.why, (here.x, here.y)))
             if page is not None and moment is not None:
                 page.show(moment, stopped)
             say(recorder.progress(cycle.world, planner))
@@ -145,8 +147,11 @@ def simulate(
             truth.note(body.fell_at_s)
         truth.finish()
     reached = (planner.reached, len(goals)) if goals else None
-    unknown = ("stopped where no step led on: unknown",) if why == "unknown" else ()
-    summary = _summary(folder, recorder, config, reached, body.fell_at_s, interrupted, unknown)
+    ended: tuple[str, ...] = ()
+    if planner.reached < len(goals) and body.fell_at_s is None and not interrupted:
+        left_m = planner.distance_to_goal(cycle.world)
+        ended = why_unfinished(decided, cycle.world.stamp_s, limit_s, left_m)
+    summary = _summary(folder, recorder, config, reached, body.fell_at_s, interrupted, ended)
     _keep_looks(planner, recorder)
     recorder.finish(pipeline, summary.as_dict(), report)
     if page is not None:

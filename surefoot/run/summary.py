@@ -2,16 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..recordings.recording import Recording
 
 Say = Callable[[str], None]
+
+LAST_S = 60.0  # ours: last part of a walk, whose decisions tell why it ended
+
+
+class Decided(NamedTuple):
+    """A decision of a walk: when, why, and where, map frame, m."""
+
+    stamp_s: float
+    why: str
+    place: tuple[float, float]
+
+
+def why_unfinished(
+    decided: Sequence[Decided], stamp_s: float, limit_s: float, left_m: float
+) -> tuple[str, ...]:
+    """Why a walk ended before its last goal, and what it decided in its last minute.
+
+    Args:
+        decided: Its decisions.
+        stamp_s: End of the walk.
+        limit_s: Its time limit.
+        left_m: Distance to the present goal.
+    """
+    last = [one for one in decided if one.stamp_s > stamp_s - LAST_S]
+    if last and last[-1].why == "unknown":
+        reason = "stopped where no step led on: unknown"
+    elif stamp_s >= limit_s:
+        reason = f"stopped at the time limit of {limit_s:g} s"
+    else:
+        reason = "ended by its planner"
+    counted = Counter(one.why for one in last).most_common()
+    words = ", ".join(f"{why} {count}" for why, count in counted) or "none"
+    apart_m = max((math.dist(one.place, last[-1].place) for one in last), default=0.0)
+    shown = f"{left_m:.2f} m from the goal; the last {min(LAST_S, stamp_s):.0f} s: {words}, within {apart_m:.2f} m"
+    return reason, shown
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,7 @@ def unrelated(count: int, say: Say) -> tuple[dict[str, float], list[str]]:
     figures = {
         "unrelated_pairs": float(len(pairs)),
         "false_merges": float(np.sum(chances >= BELIEVED)),
-        "unrelated_probability_max": float(chances.max()),
+        "unrelated_probability_max": float(np.nanmax(chances)),
         "unrelated_linked_pairs": float(len(linked)),
     }
     nearest = sorted(linked.items(), key=lambda item: -item[1].probability)[:5]

@@ -81,6 +81,21 @@ def test_a_robot_that_walks_stands_and_makes_quick_steps_misses_nothing():
             assert clock.missing_s == 0.0
 
 
+def test_a_robot_that_stands_as_long_as_a_long_step_takes_misses_nothing():
+    """Its steps last longer than it stood at first: a Talos, which surveys and then walks."""
+    clock, stamp = RunClock(), 0.0
+    short, walks, long = (
+        ((0.45, 0.2), (0.0, 0.0)),
+        ((0.65, 0.2), (0.8, 0.2)),
+        ((0.65, 0.2), (0.0, 0.0)),
+    )
+    for intervals, shares in (short, walks, long):
+        for number in range(24):
+            stamp += intervals[number % 2]
+            clock.read(stamp, (number % 2 == 1, shares[number % 2]))
+            assert clock.missing_s == 0.0
+
+
 @settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.lists(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from perception.depth import structured_light
-from perception.odometry.place_recognition import describe
+from perception.odometry.alignment import align
+from perception.odometry.place_recognition import PlacesConfig, describe, for_any_camera
 from perception.odometry.pose_uncertainty import AttachedImage, pose_uncertainty
 from perception.odometry.pyramid import Pyramid, build
 from perception.odometry.session_graph import (
@@ -38,10 +40,12 @@ HOME = (((-2.0, -1.2, -2.5), (2.0, 1.2, 2.5)), ((0.3, -1.2, 1.0), (0.7, 1.2, 1.5
 OTHER = (((-1.6, -1.2, -3.0), (2.4, 1.2, 2.0)), ((-0.9, -0.2, 0.8), (-0.2, 1.2, 1.3)))
 
 
-def image(room: tuple, paint: int, pose: Pose3, rng: np.random.Generator) -> Pyramid:
-    """A room with a block in it, patterned walls, and depth noise."""
+def image(
+    room: tuple, paint: int, pose: Pose3, rng: np.random.Generator, camera: Camera = CAMERA
+) -> Pyramid:
+    """A room with blocks in it, patterned walls (paint 0: no colour), and depth noise."""
     spots = np.random.default_rng(paint).random((64, 64, 64)) * 180.0 + 40.0
-    directions = CAMERA.rays @ pose.rotation.T
+    directions = camera.rays @ pose.rotation.T
     z = np.full(directions.shape[:2], np.inf)
     for number, (low, high) in enumerate(room):
         with np.errstate(divide="ignore"):
@@ -55,7 +59,9 @@ def image(room: tuple, paint: int, pose: Pose3, rng: np.random.Generator) -> Pyr
     at = np.floor((pose.position + directions * z[..., None]) / 0.11 + 0.003).astype(int) % 64
     light = spots[at[..., 0], at[..., 1], at[..., 2]]
     z = z + rng.standard_normal(z.shape) * (0.0012 + 0.0019 * (z - 0.4) ** 2)
-    depth = structured_light.depth(DepthView(z.astype(np.float32), CAMERA))
+    depth = structured_light.depth(DepthView(z.astype(np.float32), camera))
+    if paint == 0:
+        return build(depth)
     return build(depth, np.repeat(light[..., None], 3, axis=2).astype(np.uint8))
 
 
@@ -69,7 +75,12 @@ def path(begin: int) -> list[Pose3]:
 
 
 def session(
-    room: tuple, paint: int, poses: list[Pose3], T_session_world: Pose3, seed: int
+    room: tuple,
+    paint: int,
+    poses: list[Pose3],
+    T_session_world: Pose3,
+    seed: int,
+    camera: Camera = CAMERA,
 ) -> tuple[Session, SessionGraph]:
     """Its images in axes of its own, whose odometry has the noise of `STEP`."""
     rng = np.random.default_rng(seed)
@@ -81,9 +92,10 @@ def session(
         motion = noise @ (poses[k - 1].inverse() @ poses[k])
         own.append(own[-1] @ motion)
         factors.append(Motion(k - 1, k, motion, STEP))
+    seen = [image(room, paint, pose, rng, camera) for pose in poses]
     views = [
-        View(describe(k, image(room, paint, pose, rng)), where)
-        for k, (pose, where) in enumerate(zip(poses, own, strict=True))
+        View(describe(k, one, for_any_camera(PlacesConfig(), one)), where)
+        for k, (one, where) in enumerate(zip(seen, own, strict=True))
     ]
     return Session(views), SessionGraph(own, factors)
 
@@ -213,8 +225,11 @@ def test_a_session_that_shows_nothing_is_linked_with_nothing(three):
     z = np.full((240, 320), np.nan, np.float32)
     blank = describe(0, build(structured_light.depth(DepthView(z, CAMERA))))
     nothing = Session([View(blank, Pose3())])
-    assert link_sessions(nothing, three[0][0], np.random.default_rng(0)).links == ()
-    assert link_sessions(three[0][0], nothing, np.random.default_rng(0)).links == ()
+    for pair in ((nothing, three[0][0]), (three[0][0], nothing)):
+        found = link_sessions(*pair, np.random.default_rng(0))
+        assert found.links == ()
+        assert math.isnan(found.probability)  # not 0: it is not known
+        assert "too few features" in found.reason
 
 
 def test_closures_of_a_session_are_kept(three):
@@ -222,3 +237,51 @@ def test_closures_of_a_session_are_kept(three):
     closed = LoopClosure(0, 6, path(0)[0].inverse() @ path(0)[6], STEP)
     part = join([SessionGraph(graph.poses, [*graph.factors, closed])], {}, [0])[0]
     assert len(part.factors) == 7
+
+
+COARSE = Camera(96, 72, 80.0, 80.0, 47.5, 35.5)
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_a_coarse_camera_is_linked_with_a_fine_one_in_its_room_alone(three, swapped):
+    coarse, _ = session(HOME, 3, path(4), moved(5.0, -2.0, 70.0), 2, COARSE)
+    for other, related in ((three[0][0], True), (three[2][0], False)):
+        pair = (coarse, other) if swapped else (other, coarse)
+        found = link_sessions(*pair, np.random.default_rng(0))
+        assert found.probability > 0.99 if related else found.probability < 0.01
+
+
+FURNISHED = (
+    HOME[0],
+    *(((x, y, z), (x + 0.3, 1.2, z + 0.3)) for x, y, z in (
+        (-1.4, 0.2, 1.0), (-0.8, -0.3, 1.9), (-0.2, 0.5, 0.9), (0.3, -0.6, 1.6), (0.9, 0.3, 1.2), (1.4, -0.2, 0.6),
+    )),
+)  # fmt: skip
+
+
+def test_a_camera_with_colour_is_linked_with_one_without():
+    rich, _ = session(FURNISHED, 3, path(0), Pose3(), 1)
+    bare, _ = session(FURNISHED, 0, path(2), moved(5.0, -2.0, 70.0), 2)
+    for pair in ((rich, bare), (bare, rich)):
+        assert link_sessions(*pair, np.random.default_rng(0)).probability > 0.99
+
+
+def test_without_colour_another_room_is_not_compared():
+    rich, _ = session(FURNISHED, 3, path(0), Pose3(), 1)
+    bare, _ = session(OTHER, 0, path(2), moved(5.0, -2.0, 70.0), 2)
+    found = link_sessions(rich, bare, np.random.default_rng(0))
+    assert found.links == ()
+    assert math.isnan(found.probability)
+    assert found.reason
+
+
+def test_an_image_with_fewer_levels_is_aligned():
+    rng = np.random.default_rng(0)
+    low = image(HOME, 3, Pose3(), rng, Camera(96, 60, 80.0, 80.0, 47.5, 29.5))
+    true = moved(0.05, 0.03, 2.0)
+    high = image(HOME, 3, true, rng)
+    assert len(low.levels) < len(high.levels)
+    for target, source, motion in ((low, high, true), (high, low, true.inverse())):
+        found = align(target, source)
+        assert found is not None
+        assert np.linalg.norm(found.motion.position - motion.position) < 0.01

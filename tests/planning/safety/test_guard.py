@@ -65,6 +65,25 @@ def play(
     return gap, wall, pose
 
 
+def door(half_m):
+    """Cells of a wall 0.4 m ahead with a doorway in the middle."""
+    y = np.arange(half_m + 0.025, 1.5, 0.05)
+    return np.column_stack([np.full(2 * len(y), 0.4), np.concatenate([y, -y])])
+
+
+@pytest.mark.parametrize(("in_cells", "passes"), [(True, True), (False, False)])
+def test_a_track_of_what_stands_in_occupied_cells_is_not_charged_beside_them(in_cells, passes):
+    """The end of a wall is tracked, 5 cm inside it and of 10 cm radius; the doorway leaves 4 cm to each side."""
+    half = DARWIN_OP.radius_m + 0.04
+    cells = door(half)
+    if not in_cells:  # no cell shows the same thing
+        cells = cells[np.hypot(*(cells - [0.4, half + 0.05]).T) > 0.15]
+    frame = mover(0.4, half + 0.05, 0.0, 0.0, moving=0.01)
+    wish = limited_step(GAIT, 0.05, 0.0, 0.0)
+    made = choose(wish, at(Pose2()), [frame], cells, np.array([1.5, 0.0]), CONFIG)
+    assert (made == wish) == passes
+
+
 @pytest.mark.parametrize(
     ("first", "later_s", "stays"),
     [

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from perception.primitives.camera import Camera
 from perception.primitives.frame import DepthView, Frame
 from perception.primitives.pose import Pose3
+from surefoot.recordings.checked import CheckedRecording
 from surefoot.recordings.open import open_recording
 from surefoot.recordings.recording import RecordingInfo, SkippedFrame
 
@@ -62,3 +64,55 @@ def test_frames_that_cannot_be_used_are_skipped_and_counted(tmp_path, monkeypatc
     assert len(list(again.frames())) == 2
     assert again.remarks == ["dim"]
     assert [one.name for one in again.skipped][:2] == ["a", "frame 1"]
+
+
+class Stamped:
+    """Frames with these stamps."""
+
+    info = RecordingInfo("own", kind="own")
+
+    def __init__(self, stamps):
+        self.stamps = stamps
+
+    def frames(self):
+        return map(frame, self.stamps)
+
+
+COURSE = [0.1 * k for k in range(20)]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {7: 900.0},
+        {7: 900.0, 8: 900.1},
+        {7: 900.1, 8: 900.0},
+        {7: 900.0, 8: 900.0},
+        {7: 900.0, 8: 7000.0, 9: 900.2, 10: 900.3},
+        {0: 900.0, 1: 900.1, 2: 900.2},
+        {5: 900.0, 7: 900.0, 9: 900.0},
+        {7: 900.0, 8: 900.1, 10: 0.01},
+        {16: 900.0, 17: 900.1},
+        {7: 0.01, 8: 0.02, 9: 0.03},
+    ],
+)
+def test_a_few_wrong_stamps_in_a_row_cost_their_frames_alone(wrong):
+    recording = CheckedRecording(Stamped([wrong.get(k, one) for k, one in enumerate(COURSE)]))
+    kept = [one for k, one in enumerate(COURSE) if k not in wrong]
+    assert [one.stamp_s for one in recording.frames()] == kept
+    assert [one.name for one in recording.skipped] == [f"frame {k}" for k in wrong]
+
+
+@pytest.mark.parametrize("at", [1, 7, 18])
+def test_a_clock_that_was_set_ahead_costs_nothing(at):
+    stamps = [one + 900.0 * (k >= at) for k, one in enumerate(COURSE)]
+    recording = CheckedRecording(Stamped(stamps))
+    assert [one.stamp_s for one in recording.frames()] == stamps
+    assert recording.skipped == []
+
+
+def test_a_clock_that_was_set_back_costs_what_follows():
+    stamps = [one + 900.0 * (k < 15) for k, one in enumerate(COURSE)]
+    recording = CheckedRecording(Stamped(stamps))
+    assert [one.stamp_s for one in recording.frames()] == stamps[:15]
+    assert len(recording.skipped) == 5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from perception.primitives.gaussian import Gaussian
 from surefoot.evaluation.evaluate import evaluate
+from surefoot.offline.merge import MergeSummary
 from surefoot.report.plots.sessions import sessions
 from surefoot.report.plots.top_view import trajectory
 from surefoot.report.replay.surroundings import surroundings
@@ -84,3 +86,15 @@ def test_the_page_of_a_merge_says_what_was_merged_and_leads_to_the_other_parts(o
     assert "maps/2" in texts[0]
     assert "Nothing changed" in sessions(one_map).sentence
     assert "changed" not in sessions(apart[1]).sentence
+
+
+def test_two_sessions_that_were_not_compared_have_a_reason_instead_of_a_probability(tmp_path):
+    run = merged(tmp_path / "apart", [[1], [2]])
+    content = run.read_json("sessions.json")
+    content["pairs"][0] |= {"probability": None, "reason": "nothing recognised by depth alone"}
+    run.write_json("sessions.json", content)
+    assert "not compared: nothing recognised by depth alone" in sessions_section(run)
+    pairs = ((1, 2, math.nan, 0, "nothing recognised by depth alone"),)
+    summary = MergeSummary("out", ("a", "b"), ((1,), (2,)), pairs, (0, 0), (9, 9))
+    words = "sessions 1 and 2: not compared, nothing recognised by depth alone"
+    assert words in summary.lines()

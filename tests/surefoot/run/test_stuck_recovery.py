@@ -11,9 +11,11 @@ from perception.estimate import Estimate
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from planning.commands import GazeCommand, WalkCommand
+from planning.planners import stuck_recovery
 from planning.planners.depth_loss_fallback import DepthLossFallback
 from planning.planners.mission import MissionConfig
 from planning.planners.planner import Decision
+from planning.planners.settings import PlanningConfig
 from planning.planners.stuck_recovery import RECOVERY, StuckRecovery
 from planning.world_model import WorldModel
 from surefoot.config.schema import Config
@@ -94,6 +96,33 @@ def test_a_robot_that_waits_for_a_moving_obstacle_is_not_stuck():
 def test_a_scan_ends_when_a_moving_obstacle_comes_near():
     found = words(WalkCommand(), lambda t: (mover(0.8, 0.3),) if t > 5.0 else ())
     assert found == [False] * 6 + [True] * 2 + [False] * 2
+
+
+class NeverThrough:
+    """A manoeuvre whose passage is always found blocked: three steps of scan, five of passage, in turns."""
+
+    active = True
+
+    def __init__(self, config: PlanningConfig, goals: tuple[tuple[float, float], ...]) -> None:
+        self.steps, self.looks = 0, []
+
+    @property
+    def looking(self) -> bool:
+        return self.steps % 8 < 3
+
+    def look_about(self) -> None:
+        """It scans anyway."""
+
+    def decide(self, world: WorldModel) -> Decision:
+        self.steps += 1
+        self.looks += [self.steps] if self.steps % 8 == 3 else []
+        return Decision(WalkCommand(), GazeCommand(), "scan" if self.looking else "SF")
+
+
+def test_a_recovery_that_finds_no_passage_ends_after_two_scans(monkeypatch):
+    monkeypatch.setattr(stuck_recovery, "AvoidancePlanner", NeverThrough)
+    found = words(WalkCommand(), steps=6 + 16 + 45)
+    assert found == [False] * 6 + [True] * 16 + [False] * 45  # 30 s of the planner follow
 
 
 @pytest.mark.parametrize(
