@@ -125,7 +125,7 @@ def judge(
                 own = static / (static + most * reach / LOGISTIC)
                 weights[row, column] = 1.0 if floor > 0 else own
                 verdicts[row, column] = own if floor > 0 else 1.0
-            elif static + mobile < rule.obstacle_points and floor > 0:
+            elif static + mobile < rule.obstacle_points and floor != 0:
                 weights[row, column] = 1.0
 
 

@@ -5,7 +5,7 @@ cell, the grid shifts by whole cells; an index offset moves, the data does not.
 
 Floor points prove free space. A ray that ends farther away proves little about the cells below it, as this
 camera looks over low boxes. Only the last part of a ray before a floor point, where the ray is lower than any
-obstacle, also counts as seen floor (ours).
+obstacle, also counts as seen floor (ours). Below a table top floor proves nothing (`hanging`, ours).
 
 Each cell holds the occupancy probability, the time of its last update, and a surface height with its
 variance.
@@ -28,7 +28,7 @@ from perception.primitives.plane import Plane
 from perception.primitives.settings import setting
 
 from .. import open3d_objects
-from . import _evidence_kernels, _terrain_kernels
+from . import _evidence_kernels, _terrain_kernels, hanging
 from .cell_points import check_one_a_point, gather
 from .evidence import (
     OBSTACLE_POINTS,
@@ -98,6 +98,7 @@ class EgocentricGrid(Window):
         self._height_m = np.full((n, n), np.nan, np.float32)
         self._variance_m2 = np.full((n, n), np.nan, np.float32)
         self._raised = np.zeros((n, n), np.bool_)  # the height is that of an obstacle
+        self._hanging = np.zeros((n, n), np.bool_)  # the obstacle has room below it, see `hanging`
         unseen = {"log_odds": np.inf, "height_m": np.nan, "height_variance_m2": np.nan}
         for name, layer in self._named_layers().items():
             self._add_layer(layer, unseen.get(name, 0.0))
@@ -175,6 +176,7 @@ class EgocentricGrid(Window):
             "height_m": self._height_m,
             "height_variance_m2": self._variance_m2,
             "raised": self._raised,
+            "hanging": self._hanging,
         }
 
     # Updates
@@ -190,6 +192,7 @@ class EgocentricGrid(Window):
         sigma_m: Float[np.ndarray, "n"] | None = None,
         floor: Plane | None = None,
         pose: Gaussian | None = None,
+        sees_through: hanging.SeesThrough | None = None,
     ) -> None:
         """Update the map by one frame; each cell changes at most once.
 
@@ -205,6 +208,8 @@ class EgocentricGrid(Window):
             sigma_m: Standard deviation of each height by depth noise, m; None: from the scatter in a cell.
             floor: The floor in the world frame, for its covariance; None: without error.
             pose: (x, y, yaw) of the body, world frame; None: without error.
+            sees_through: Which places the frame sees through, for what hangs above the floor (see `hanging`); None, or
+                points without heights: nothing is known to hang.
 
         Raises:
             InputError: The number of flags or sigmas differs from the number of points.
@@ -219,8 +224,13 @@ class EgocentricGrid(Window):
             share = min(1.0, LOWEST_OBSTACLE_M / sensor_height_m)
             _terrain_kernels.clear_before_floor(self._counts, sensor, share)
         corner = int(self._corner[1]), int(self._corner[0])
-        layers = self._log_odds, self._updated_s, self._moving
-        update_cells(self._counts, layers, corner, stamp_s, self.config.evidence)
+        place = _terrain_kernels.Placement(*corner, float(origin[0]), float(origin[1]), self.cell_m)
+        if sees_through is not None and points.shape[1] == 3:
+            layers = self._hanging, self._height_m, self._log_odds
+            below = hanging.note(self._counts, self._sums, *layers, place, sees_through)
+            self._log_odds[below] = np.inf
+        evidence = self._log_odds, self._updated_s, self._moving
+        update_cells(self._counts, evidence, corner, stamp_s, self.config.evidence)
         _terrain_kernels.fuse_heights(
             self._counts,
             self._sums,
@@ -228,7 +238,7 @@ class EgocentricGrid(Window):
             self._height_m,
             self._variance_m2,
             self._raised,
-            _terrain_kernels.Placement(*corner, float(origin[0]), float(origin[1]), self.cell_m),
+            place,
             floor_form(floor),
             pose_form(pose),
             _terrain_kernels.HeightRule(
@@ -236,6 +246,7 @@ class EgocentricGrid(Window):
             ),
         )
         self._tally[-1] = 0
+        self._hanging &= (self._log_odds > 0.0) & ~self._moving
         self._latest_s = stamp_s
 
     def _count(
@@ -289,6 +300,7 @@ class EgocentricGrid(Window):
         for centre, radius_m in zip(centres, radii_m, strict=True):
             inside = np.sum((self.centres() - centre) ** 2, axis=-1) <= float(radius_m) ** 2
             mark_moving(self._log_odds, self._moving, self.rolled(inside))
+        self._hanging &= ~self._moving
 
     def _forget_heights(self, cells: np.ndarray) -> None:
         self._height_m[cells] = np.nan

@@ -31,7 +31,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 
 from .. import open3d_objects
-from . import _evidence_kernels, _look_kernels, _terrain_kernels
+from . import _evidence_kernels, _look_kernels, _terrain_kernels, hanging
 from ._look_kernels import LookRule, Shares
 from .cell_points import check_one_a_point, gather
 from .egocentric_grid import LOWEST_OBSTACLE_M
@@ -56,6 +56,7 @@ EMPTY: dict[str, np.generic] = {
     "height_m": np.float32(np.nan),
     "variance_m2": np.float32(np.nan),
     "raised": np.bool_(False),  # the height is that of an obstacle
+    "hanging": np.bool_(False),  # the obstacle has room below it, see `hanging`
 }
 HIGHEST_M = 0.5  # ours: what is higher does not block a small robot
 RULE = LookRule(
@@ -196,6 +197,7 @@ class WorldMap:
         sigma_m: Float[np.ndarray, "n"] | None = None,
         floor: Plane | None = None,
         pose: Gaussian | None = None,
+        sees_through: hanging.SeesThrough | None = None,
     ) -> None:
         """Update the map by one frame; each cell changes at most once.
 
@@ -208,6 +210,8 @@ class WorldMap:
             sigma_m: Standard deviation of each point along its ray by depth noise, m; None: without noise.
             floor: The floor in the world frame, for its covariance; None: without error.
             pose: (x, y, yaw) of the body, world frame; None: without error.
+            sees_through: Which places the frame sees through, for what hangs above the floor (see `hanging`); None:
+                nothing is known to hang.
 
         Raises:
             InputError: The number of flags or sigmas differs from the number of points.
@@ -220,10 +224,14 @@ class WorldMap:
         counts, sums = self._count(points, is_obstacle, is_moving, sigma_m, low, shape)
         x, y = (float(v) for v in low * self.cell_m)
         place = _terrain_kernels.Placement(0, 0, x, y, self.cell_m)
-        verdicts, weights = np.empty((2, *shape), np.float32)
-        _look_kernels.judge(counts, sums, place, camera.astype(np.float64), RULE, verdicts, weights)
         self._restless.update(self._tiles.keys_in(low, shape, make=True))
         cells = self._tiles.read(low, shape)
+        if sees_through is not None:
+            layers = cells["hanging"], cells["height_m"], cells["log_odds"]
+            below = hanging.note(counts, sums, *layers, place, sees_through)
+            cells["looks"][below] = cells["hits"][below] = 0.0
+        verdicts, weights = np.empty((2, *shape), np.float32)
+        _look_kernels.judge(counts, sums, place, camera.astype(np.float64), RULE, verdicts, weights)
         looks, frames, heights = (
             tuple(cells[name] for name in names) for names in (LOOKS, FRAMES, HEIGHTS)
         )
@@ -236,6 +244,7 @@ class WorldMap:
         _terrain_kernels.fuse_heights(
             counts, sums, cells["log_odds"], *heights, place, floor_form(floor), moved, rule
         )
+        cells["hanging"] &= (cells["log_odds"] > 0.0) & ~cells["moving"]
         self._tiles.write(low, cells)
         self._latest_s = stamp_s
 
@@ -266,8 +275,9 @@ class WorldMap:
             y, x = self.cell_m * (self._first[::-1] + 0.5 + [row, column])
             along, up = (self.cell_m * np.arange(n) for n in (shape[1], shape[0]))
             near = np.hypot(x + along - centre[0], (y + up - centre[1])[:, None]) <= radius_m
-            part = self._tiles.read(low, shape, ("log_odds", "moving", "looks", "hits"))
+            part = self._tiles.read(low, shape, ("log_odds", "moving", "looks", "hits", "hanging"))
             mark_moving(part["log_odds"], part["moving"], near)
+            part["hanging"] &= ~part["moving"]
             for name in ("looks", "hits"):
                 part[name][part["moving"]] = 0.0
             self._tiles.write(low, part)

@@ -5,7 +5,7 @@ a map that was saved and loaded give the same bits as those of the original.
 
 Arrays: `format`; `settings` (the grid's configuration, JSON); `start`, `first`, `rest` and `latest_s`
 (position and time of the grid); `log_odds`, `updated_s`, `moving`, `height_m`, `height_variance_m2`,
-`raised`; and optionally `confidence`.
+`raised`, `hanging`; and optionally `confidence`.
 
 Source: ours.
 """
@@ -29,7 +29,7 @@ from ..grid.egocentric_grid import EgocentricGrid, GridConfig
 from ..grid.evidence import EvidenceConfig
 from .atomic_write import atomic_path
 
-FORMAT = 2
+FORMAT = 3
 PLACES = {"start": ((2,), "f"), "first": ((2,), "i"), "rest": ((2,), "f"), "latest_s": ((), "f")}
 LAYERS = {
     "log_odds": "f",
@@ -38,6 +38,7 @@ LAYERS = {
     "height_m": "f",
     "height_variance_m2": "f",
     "raised": "b",
+    "hanging": "b",
 }
 
 
@@ -155,6 +156,7 @@ def _check_values(path: Path, content: Mapping[str, np.ndarray], config: GridCon
         ),
         "moving": not content["moving"][~seen].any(),
         "height_m": not np.isinf(content["height_m"]).any() and not (measured & ~seen).any(),
+        "hanging": not (content["hanging"] & ~measured).any(),
         "height_variance_m2": bool(
             (np.isfinite(variance) == measured).all() and (variance[measured] > 0.0).all()
         ),

@@ -193,19 +193,37 @@ class Sight:
         """
         free, occupied = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
         for image in self._images:
-            here = image.T_camera_map.apply(points)
-            inside, u, v = _pixels(image.depth.camera, (here + ASIDE[:, None]).reshape(-1, 3))
-            depth, sigma = image.depth.z[v, u], image.depth.sigma[v, u]
-            beyond = (depth.reshape(len(ASIDE), -1) - here[:, 2]) / (
-                BEHIND_M + 3.0 * sigma.reshape(len(ASIDE), -1)
-            )
-            known = inside & np.isfinite(beyond.ravel())
-            least = np.where(known.reshape(beyond.shape), beyond, np.nan).min(
-                axis=0
-            )  # NaN: unknown
+            least = _beyond(image.depth, image.T_camera_map.apply(points))
             free |= least > 1.0
             occupied |= np.abs(least) <= 0.5
         return int(np.count_nonzero(free & ~occupied)), int(np.count_nonzero(occupied))
+
+
+def sees_through(
+    depth: Depth, T_map_camera: Pose3, camera_m: float, places: Float[np.ndarray, "n 3"]
+) -> Bool[np.ndarray, "n"]:
+    """Which places a depth image sees through, as `Sight` does.
+
+    Args:
+        depth: The image.
+        T_map_camera: Where it was taken.
+        camera_m: Height of the camera above the floor.
+        places: Map frame, and height above the floor, m.
+    """
+    floor_m = np.array([0.0, 0.0, float(T_map_camera.translation[2]) - camera_m])
+    return np.asarray(_beyond(depth, T_map_camera.inverse().apply(places + floor_m)) > 1.0)
+
+
+def _beyond(depth: Depth, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+    """How far everything beside the line of sight to each point (camera frame, m) lies beyond it.
+
+    In units of what noise explains; NaN where that is not known.
+    """
+    inside, u, v = _pixels(depth.camera, (points + ASIDE[:, None]).reshape(-1, 3))
+    z, sigma = (layer[v, u].reshape(len(ASIDE), -1) for layer in (depth.z, depth.sigma))
+    beyond = (z - points[:, 2]) / (BEHIND_M + 3.0 * sigma)
+    known = inside.reshape(beyond.shape) & np.isfinite(beyond)
+    return np.asarray(np.where(known, beyond, np.nan).min(axis=0))
 
 
 def near_moving_obstacles(

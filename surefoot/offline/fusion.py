@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from mapping.grid.world_map import WorldMap
@@ -13,6 +15,7 @@ from mapping.surface.surface_map import surface_map
 from mapping.surface.traversability import save_layers, save_nav2, traversability
 from perception.depth.points import from_depth
 from perception.floor import classify
+from perception.floor.segmented_view import sees_through
 
 from ..config.schema import Config
 from ..results.run_folder import RunFolder
@@ -91,4 +94,5 @@ def add_to_map(world: WorldMap, image: PlacedImage, stamp_s: float, config: Conf
         sigma_m=points.sigma[used] * np.linalg.norm(xyz, axis=1) / xyz[:, 2],
         floor=image.floor,
         pose=image.pose,
+        sees_through=partial(sees_through, image.depth, image.T_map_camera, below.offset_m),
     )

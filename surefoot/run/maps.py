@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -14,7 +15,12 @@ from mapping.io.clouds import CloudBuilder
 from mapping.objects.footprints import Footprint
 from mapping.objects.obstacle_cloud import ObstacleCloud
 from perception.floor import classify
-from perception.floor.segmented_view import SegmentedView, colours_of, near_moving_obstacles
+from perception.floor.segmented_view import (
+    SegmentedView,
+    colours_of,
+    near_moving_obstacles,
+    sees_through,
+)
 from perception.primitives.frame import Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
@@ -103,6 +109,7 @@ class RunMaps:
         x, y, depth = points.xyz.T
         drop = np.abs(upright[:, 2] - view.floor.offset_m) / depth
         stretch = np.sqrt(x * x + y * y + depth * depth) / depth
+        through = partial(sees_through, view.depth, view.T_map_camera, view.floor.offset_m)
         self.grid.update(
             upright,
             is_obstacle,
@@ -113,6 +120,7 @@ class RunMaps:
             sigma_m=points.sigma * drop,
             floor=floor,
             pose=pose,
+            sees_through=through,
         )
         self.world.update(
             upright,
@@ -123,6 +131,7 @@ class RunMaps:
             sigma_m=points.sigma * stretch,
             floor=floor,
             pose=pose,
+            sees_through=through,
         )
         colours = colours_of(view.points, view.depth, frame.colour)
         self.cloud.add(view.upright, colours)

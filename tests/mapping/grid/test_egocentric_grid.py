@@ -368,7 +368,14 @@ def test_a_pickled_grid_accepts_further_updates_like_the_original(copied):
 
     def step(one: EgocentricGrid, points: np.ndarray, stamp_s: float) -> None:
         one.move(points[0, :2])
-        one.update(points, points[:, 2] > 0.05, stamp_s, np.zeros(2), sensor_height_m=0.4)
+        one.update(
+            points,
+            points[:, 2] > 0.05,
+            stamp_s,
+            np.zeros(2),
+            sensor_height_m=0.4,
+            sees_through=lambda places: places[:, 0] % 0.3 < 0.15,
+        )
         one.age(0.3)
 
     frames = rng.uniform(-0.4, 0.4, (6, 300, 3))

@@ -38,6 +38,7 @@ def walk(grid: EgocentricGrid, confidence: ConfidenceLayer, steps: int, seed: in
             is_moving=moving,
             sensor_height_m=0.4,
             sigma_m=xyz[:, 2],
+            sees_through=lambda places: places[:, 0] % 0.3 < 0.15,
         )
         grid.age(0.5)
 
@@ -107,7 +108,7 @@ def with_settings(path: Path, **changed: object) -> Path:
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"format": np.array(9)}, "format 9, this version reads 2"),
+        ({"format": np.array(9)}, "format 9, this version reads 3"),
         ({"format": None}, "no array 'format'"),
         ({"moving": None}, "no array 'moving'"),
         ({"settings": np.array("{")}, "settings cannot be used"),
@@ -119,6 +120,7 @@ def with_settings(path: Path, **changed: object) -> Path:
         ({"latest_s": np.array(np.nan)}, "latest_s hold impossible"),
         ({"updated_s": np.full((15, 15), np.inf)}, "updated_s hold impossible"),
         ({"moving": np.ones((15, 15), bool)}, "moving hold impossible"),
+        ({"hanging": np.ones((15, 15), bool)}, "hanging hold impossible"),
         ({"height_variance_m2": np.full((15, 15), -1.0, np.float32)}, "height_variance_m2 hold"),
         ({"confidence": np.full((15, 15), 1.5, np.float32)}, r"confidence outside \[0, 1\]"),
         ({"confidence": np.zeros((2, 2), np.float32)}, "'confidence' is float32"),

@@ -8,7 +8,14 @@ import pytest
 from perception.depth.points import from_depth
 from perception.depth.reach import ReachConfig
 from perception.floor.classify import OBSTACLE
-from perception.floor.segmented_view import CUT, WHOLE, SegmentedView, Sight, truncated
+from perception.floor.segmented_view import (
+    CUT,
+    WHOLE,
+    SegmentedView,
+    Sight,
+    sees_through,
+    truncated,
+)
 from perception.primitives.camera import Camera
 from perception.primitives.frame import Depth
 from perception.primitives.plane import Plane
@@ -125,3 +132,14 @@ def test_a_sight_sees_through_places_before_the_measured_depth_and_not_behind_or
     assert sight(at(0.11, 1.0)) == (0, 3)  # within an error of the pose of its edge
     assert sight(at(0.3, 2.5)) == (0, 3)  # the wall
     assert sight(at(5.0, 1.0)) == (0, 0)  # outside the image
+
+
+def test_an_image_sees_through_the_places_that_a_sight_finds_free():
+    """The camera 0.4 m above the floor of a map in which it is at height 0: heights count from the floor."""
+    view = post(WIDE, 0.0, 1.0)
+    places = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.5], [0.3, 0.0, 1.0], [0.3, 0.0, 3.0]])
+    above_floor = places + np.array([0.0, 0.0, 0.4])
+    through = sees_through(view.depth, Pose3(), 0.4, above_floor)
+    assert through.tolist() == [False, True, True, False]
+    free = [Sight([view])(place[None])[0] == 1 for place in places]
+    assert through.tolist() == free
