@@ -23,9 +23,11 @@ Ground = tuple[
     Float[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"], Float[np.ndarray, "2"]
 ]
 """Probability, unseen cells, and lower left corner, world frame, m."""
+Grown = tuple[Float[np.ndarray, "high wide"], Bool[np.ndarray, "high wide"], Float[np.ndarray, "2"]]
+"""The same, larger."""
 
 
-def with_memory(ground: Ground, cell_m: float, world_map: WorldMap) -> Ground:
+def with_memory(ground: Ground, cell_m: float, world_map: WorldMap) -> Grown:
     """The local ground, grown to what stands within reach; the world map fills cells that the local map has not seen.
 
     Not remembered is what moved when it was seen, and what is shorter than `LASTING_M`.

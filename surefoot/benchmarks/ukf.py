@@ -100,7 +100,7 @@ def in_numpy(steps: Sequence[Step]) -> Gaussian:
         K = np.linalg.solve(S, off.T @ (weights[:, None] * (points - x))).T
         x = x + K @ models.sighting_difference(step.seen, expected)
         P = P - K @ S @ K.T
-        x[YAW] = models.wrap_angles(x[YAW])
+        x[[YAW]] = models.wrap_angles(x[[YAW]])
     return Gaussian(x, P)
 
 

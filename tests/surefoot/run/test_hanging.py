@@ -6,7 +6,6 @@ Depth images of boxes on a floor before a wall, by exact geometry, with the came
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from perception.depth.points import from_depth
 from perception.floor import classify
 from perception.floor.segmented_view import SegmentedView
 from perception.primitives.camera import Camera
-from perception.primitives.frame import Depth
+from perception.primitives.frame import Depth, Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose3
@@ -73,7 +72,7 @@ class Walk:
         pose = Gaussian(np.array([x_m, 0.0, 0.0]), np.diag([1e-6, 1e-6, 1e-6]))
         for _ in range(times):
             self.stamp_s += 0.2
-            frame = SimpleNamespace(stamp_s=self.stamp_s, colour=None, odometry=None)
+            frame = Frame(self.stamp_s)
             self.maps.update(frame, [seen], (), pose)
 
     def look_from_far(self, times, *boxes):
