@@ -82,7 +82,10 @@ class Hypotheses:
         )
 
     def add(self, obstacle: Obstacle) -> None:
-        """Add the hypotheses of one obstacle: it stands, with that probability, or goes."""
+        """Add the hypotheses of one obstacle: it stands, with that probability, or goes.
+
+        What surely stands has none where occupied cells show it: they keep the body away.
+        """
         config, times = self._config, self._times
         if not may_move(obstacle):
             return
@@ -94,7 +97,8 @@ class Hypotheses:
         if away > reach + near + config.margin_m + config.max_sigma_m + SOFT_M:
             return
         goes = _goes(obstacle)
-        if goes < SURE and not (goes <= 1.0 - SURE and self._is_in_cells(obstacle)):
+        may_go = goes > 1.0 - SURE
+        if goes < SURE and (may_go or not self._is_in_cells(obstacle)):
             place = self._stands_at(obstacle)
             sigma = min(config.sigmas * _position_sigma(self._robot, obstacle), config.margin_m)
             here = math.dist(place.tolist(), self._here)
@@ -103,7 +107,7 @@ class Hypotheses:
             places[:] = place
             always = np.full(len(times), need)
             self._put(places, self._rest, always, self._certain, 1.0 - goes, self._never)
-        if goes > 1.0 - SURE:
+        if may_go:
             covariances = config.sigmas**2 * self._relative(obstacle)
             self._add_moving(going, near + config.margin_m, covariances, goes)
 

@@ -31,6 +31,14 @@ def with_memory(ground: Ground, cell_m: float, world_map: WorldMap) -> Grown:
     """The local ground, grown to what stands within reach; the world map fills cells that the local map has not seen.
 
     Not remembered is what moved when it was seen, and what is shorter than `LASTING_M`.
+
+    Args:
+        ground: The local map.
+        cell_m: Side of a cell.
+        world_map: In the same frame; its cells may be of another size.
+
+    Returns:
+        The local map within a larger one that ends where nothing remembered stands.
     """
     probability, unknown, origin = ground
     reach = round(REACH_M / cell_m)

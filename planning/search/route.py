@@ -120,7 +120,7 @@ class Route:
         may be out of date: where it leaves no path, the search goes without it. Without a path to the goal the position of
         the robot is returned and `path` is None.
 
-        Args: as for `planning.search.astar.find_path`.
+        Args: as for `planning.search.astar.find_path`, and the world map, of the same frame; None: no memory.
         """
         here = np.array([robot.x, robot.y])
         if self._goal is None or not np.array_equal(goal, self._goal):
