@@ -59,6 +59,11 @@ OCCUPIED = 0.5
 """Probability from which a cell counts as occupied and is never walked over; seed 003."""
 
 
+def corner_m(cell_m: float) -> float:
+    """Ours: distance kept between a body and the middle of an occupied cell: half its diagonal, to the millimetre."""
+    return round(cell_m * math.sqrt(0.5), 3)
+
+
 def log_odds(probability: float) -> float:
     """ln(p / (1 - p)) for p in (0, 1)."""
     return math.log(probability / (1.0 - probability))

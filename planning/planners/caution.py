@@ -24,6 +24,9 @@ from .planner import Decision
 
 SHORTER = 0.5  # ours: half a step leads along the same curve, and stops in half the way
 LOOKS = "look around"
+GOES_ON = (
+    20  # ours: steps of a robot that is lost between two looks around, half a metre of a DARwIn-OP
+)
 PAUSE = 3  # ours: steps left out between two on several levels, while the walk should be slower
 
 
@@ -33,6 +36,7 @@ class Caution:
     def __init__(self, robot: RobotModel) -> None:
         self._robot = robot
         self._looks = self._paused = 0
+        self._whole_look = len(SURVEY_PANS_DEG) + math.ceil(2.0 * math.pi / robot.gait.max_turn_rad)
 
     def apply(self, decision: Decision, world: WorldModel) -> Decision:
         """The decision with a shorter footstep, or none, if a doubt asks for it.
@@ -46,11 +50,11 @@ class Caution:
             return self._on_levels(decision, status)
         stand = [one.words for one in status if one.asks == STAND]
         self._looks = self._looks + 1 if stand == [LOST] else 0
-        if self._looks:
+        if self._looks and (self._looks - 1) % (self._whole_look + GOES_ON) < self._whole_look:
             return self._look_around(decision, world)
-        if stand:
+        if stand and not self._looks:
             return replace(decision, walk=WalkCommand(), why=f"stand: {stand[0]}")
-        slow = [one.words for one in status if one.asks == SLOW]
+        slow = stand + [one.words for one in status if one.asks == SLOW]
         if not slow:
             return decision
         walk = decision.walk
@@ -77,10 +81,8 @@ class Caution:
     def _look_around(self, decision: Decision, world: WorldModel) -> Decision:
         """The next look of a robot that is lost: by the head, then by turning the body where there is room."""
         limit, tilt = math.radians(self._robot.head.pan_deg), math.radians(TILT_DEG)
-        turn_rad = self._robot.gait.max_turn_rad
-        whole = len(SURVEY_PANS_DEG) + math.ceil(2.0 * math.pi / turn_rad)
-        look = (self._looks - 1) % whole
-        pan, turn = 0.0, turn_rad
+        look = (self._looks - 1) % (self._whole_look + GOES_ON)
+        pan, turn = 0.0, self._robot.gait.max_turn_rad
         if look < len(SURVEY_PANS_DEG):
             pan, turn = math.radians(SURVEY_PANS_DEG[look]), 0.0
         elif not self._has_room(world):

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
 
 from mapping.grid.egocentric_grid import EgocentricGrid
-from mapping.grid.evidence import OCCUPIED
+from mapping.grid.evidence import OCCUPIED, corner_m
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2
@@ -29,7 +29,6 @@ from ..exploration import ExplorationMap, Explorer
 from ..gaze.attention import GazeContext
 from ..gaze.policy import GazeControl
 from ..safety.guard import Guard
-from ..safety.guard_settings import corner_m
 from ..safety.line_of_sight import farthest_visible
 from ..safety.step_filter import StepFilter
 from ..search.curve_walk import CurveWalk

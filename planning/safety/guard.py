@@ -28,6 +28,7 @@ from functools import cache, partial
 import numpy as np
 from jaxtyping import Bool, Float
 
+from mapping.grid.evidence import corner_m
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
@@ -57,7 +58,7 @@ class Guard:
         self, config: GuardConfig, robot: RobotModel = DARWIN_OP, cell_m: float = 0.05
     ) -> None:
         self.config, self.robot = config, robot
-        self.cell_distance_m = robot.radius_m + constants.corner_m(cell_m)
+        self.cell_distance_m = robot.radius_m + corner_m(cell_m)
         """Distance kept between the middle of the body and that of an occupied cell, m."""
         self.patterns = MotionPatterns()
         self._present: np.ndarray | None = None  # the plan being walked

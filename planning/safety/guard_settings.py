@@ -34,11 +34,6 @@ HEADING_COST_M = 0.05  # ours: cost per rad of facing away from the target at th
 PASS_M = 0.10  # ours: a desired step with no more cost than this passes
 
 
-def corner_m(cell_m: float) -> float:
-    """Ours: distance kept between the body and the middle of an occupied cell: half its diagonal, to the millimetre."""
-    return round(cell_m * math.sqrt(0.5), 3)
-
-
 @dataclass(frozen=True)
 class GuardConfig:
     """Horizon, margins, hypotheses and costs."""

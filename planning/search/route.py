@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
+from mapping.grid.evidence import corner_m
 from mapping.grid.world_map import WorldMap
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, wrap_angle
@@ -40,6 +41,11 @@ RANGE_M = 1.0  # ... by less than this, the robot is stuck too
 BLOCK_AHEAD_M = 0.30  # distance along the path of the place to avoid, times the number of detours
 BLOCK_RADIUS_M = 0.35  # radius of that place
 BLOCK_PENALTY = 4.0  # potential added there: expensive, not forbidden
+NARROW_PENALTY = 4.0  # potential added where the guard would stop the robot
+SWAY_M = (
+    0.02  # beyond the guard's distance, for a DARwIn-OP: walking sways, so the penalty begins there
+)
+TURN_WITHIN_M = 0.35  # round a DARwIn-OP: ground on which the first turn of a path is paid
 
 
 FOLLOW = ("points", "curve")
@@ -89,6 +95,8 @@ class Route:
         robot: RobotModel = DARWIN_OP,
     ) -> None:
         self._search, self._robot = search_config, robot
+        gait = robot.gait
+        self._m_per_rad = gait.cruise_mps * gait.step_s / gait.max_turn_rad
         self._config = RouteConfig() if config is None else config
         self._goal: np.ndarray | None = None
         self._blocks: list[_Block] = []
@@ -122,22 +130,25 @@ class Route:
 
         Args: as for `planning.search.astar.find_path`, and the world map, of the same frame; None: no memory.
         """
-        here = np.array([robot.x, robot.y])
         if self._goal is None or not np.array_equal(goal, self._goal):
             self._start_anew(goal)
         self._watch_progress(robot, goal)
         local = probability, unknown, origin
         grounds = [local] if world_map is None else [with_memory(local, cell_m, world_map), local]
-        found = (self._searched(ground, cell_m, here, goal) for ground in grounds)
+        found = (self._searched(ground, cell_m, robot, goal) for ground in grounds)
         self.path = next((path for path in found if path is not None), None)
-        return np.asarray(self.ahead(here)[0])
+        return np.asarray(self.ahead(np.array([robot.x, robot.y]))[0])
 
     def _searched(
-        self, ground: Ground, cell_m: float, here: np.ndarray, goal: np.ndarray
+        self, ground: Ground, cell_m: float, robot: Pose2, goal: np.ndarray
     ) -> Path | None:
         """The path over a map, near the old one; None if there is none."""
         probability, unknown, origin = self._widened(*ground, cell_m, goal)
+        here = np.array([robot.x, robot.y])
         penalty = self._penalty(probability.shape, origin, cell_m, here)
+        self._add_first_turn(penalty, origin, cell_m, robot)
+        solid = ~unknown & (probability >= self._search.p_solid)
+        np.maximum(penalty, self._narrow(solid, cell_m), out=penalty)
         terrain = prepare(
             probability, unknown, origin, cell_m, here, self._search, penalty, self._robot
         )
@@ -238,6 +249,33 @@ class Route:
             near = np.maximum(0.0, 1 - (gap / BLOCK_RADIUS_M) ** 2)
             penalty = np.maximum(penalty, BLOCK_PENALTY * near)
         return penalty
+
+    def _add_first_turn(
+        self, penalty: np.ndarray, origin: np.ndarray, cell_m: float, robot: Pose2
+    ) -> None:
+        """Add the turn with which a path begins, as the way that the gait would walk in that time.
+
+        The search knows no heading: two paths of similar length, one ahead and one behind, would change places with
+        every change of the map, and the robot would turn between them.
+        """
+        reach_m = self._robot.breadth * TURN_WITHIN_M
+        y, x = (
+            cell_m * (np.arange(n) + 0.5) + low - at
+            for n, low, at in zip(penalty.shape, origin[::-1], (robot.y, robot.x), strict=True)
+        )
+        near = np.ix_(np.abs(y) <= reach_m, np.abs(x) <= reach_m)
+        ahead, left = x[near[1]], y[near[0]]
+        away = np.hypot(ahead, left)
+        turn = np.abs((np.arctan2(left, ahead) - robot.yaw + math.pi) % (2.0 * math.pi) - math.pi)
+        dear = self._m_per_rad / (max(self._search.alpha, 1e-9) * reach_m)
+        penalty[near] += np.where((away > cell_m) & (away <= reach_m), dear * turn, 0.0)
+
+    def _narrow(self, solid: np.ndarray, cell_m: float) -> np.ndarray:
+        """Penalty of places that the body may enter, but where the guard would stop it or the walk sways too far."""
+        away = cv2.distanceTransform((~solid).view(np.uint8), cv2.DIST_L2, 5) * cell_m
+        sway = self._robot.breadth * SWAY_M
+        near = np.clip(self._robot.radius_m + corner_m(cell_m) + sway - away, 0.0, sway)
+        return np.asarray(near * np.float32(NARROW_PENALTY / sway))
 
     def _rest(self, here: np.ndarray) -> np.ndarray:
         """The old path from the position on, without the way points already passed."""

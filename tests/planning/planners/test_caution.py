@@ -13,12 +13,16 @@ from perception.monitoring.status import LOST, SLOW, STAND, Doubt
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.robot_model import DARWIN_OP
 from planning.commands import GazeCommand, WalkCommand
-from planning.planners.caution import Caution
+from planning.gaze.sweep import SURVEY_PANS_DEG
+from planning.planners.caution import GOES_ON, Caution
 from planning.planners.planner import Decision
 from planning.world_model import WorldModel
 
 DECISION = Decision(WalkCommand(0.08, 0.01, 0.2), GazeCommand(0.5, 0.3), "walk")
 VIEW_RAD = math.radians(44.0)  # seed 004: of the narrowest depth camera
+
+
+WHOLE_LOOK = len(SURVEY_PANS_DEG) + math.ceil(2.0 * math.pi / DARWIN_OP.gait.max_turn_rad)
 
 
 def told(*status: Doubt, box_at_m: float = math.inf) -> WorldModel:
@@ -64,7 +68,7 @@ def test_a_robot_that_sees_or_feels_nothing_stands_with_the_planners_gaze(doubts
 
 def test_a_robot_that_is_lost_sees_all_round_without_leaving_its_place():
     caution, heading, seen = Caution(DARWIN_OP), 0.0, []
-    for _ in range(40):
+    for _ in range(WHOLE_LOOK):
         decision = caution.apply(DECISION, told(Doubt(LOST, STAND)))
         assert (decision.walk.forward_m, decision.walk.lateral_m) == (0.0, 0.0)
         assert abs(decision.walk.turn_rad) <= DARWIN_OP.gait.max_turn_rad
@@ -80,8 +84,19 @@ def test_a_robot_that_is_lost_beside_something_turns_its_head_alone():
     caution = Caution(DARWIN_OP)
     for box_at_m, turns in ((0.12, False), (0.6, True)):
         world = told(Doubt(LOST, STAND), box_at_m=box_at_m)
-        made = [caution.apply(DECISION, world).walk.turn_rad for _ in range(40)]
+        made = [caution.apply(DECISION, world).walk.turn_rad for _ in range(WHOLE_LOOK)]
         assert any(made) == turns
+
+
+def test_a_robot_that_nothing_tells_where_it_is_goes_on_by_half_steps_and_looks_again():
+    caution = Caution(DARWIN_OP)
+    made = [
+        caution.apply(DECISION, told(Doubt(LOST, STAND))) for _ in range(2 * (WHOLE_LOOK + GOES_ON))
+    ]
+    half = [one.walk == WalkCommand(0.04, 0.005, 0.1) for one in made]
+    assert half == 2 * ([False] * WHOLE_LOOK + [True] * GOES_ON)
+    assert {one.gaze for one, goes in zip(made, half, strict=True) if goes} == {DECISION.gaze}
+    assert made[WHOLE_LOOK].why == "slow: lost, walk"
 
 
 def test_a_robot_that_is_found_walks_on():

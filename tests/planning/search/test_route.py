@@ -107,7 +107,47 @@ def test_without_progress_for_ten_seconds_it_takes_the_longer_path():
         after = int(np.argmax(x > 0.0))
         crossings.append(np.interp(0.0, x[after - 1 : after + 1], y[after - 1 : after + 1]))
     assert all(0.9 < y < 1.6 for y in crossings[:15])
-    assert not 0.9 < crossings[-1] < 1.6
+    assert not all(0.9 < y < 1.6 for y in crossings[15:])
+
+
+@pytest.mark.parametrize("yaw_deg", [-100.0, -60.0, 60.0, 100.0])
+def test_of_two_equal_ways_it_takes_the_one_that_the_robot_faces(yaw_deg):
+    probability = fill(empty(), -0.9, -0.4, -0.6, 0.4)
+    route, robot = Route(SearchConfig()), Pose2(-1.5, 0.0, math.radians(yaw_deg))
+    for _ in range(3):
+        route.update(probability, KNOWN, ORIGIN, CELL_M, robot, GOAL)
+        assert route.path.waypoints[1, 1] * yaw_deg > 0.0
+
+
+def test_a_turn_costs_as_much_as_the_way_walked_in_its_time():
+    """Two gaps, the one behind nearer by less or by more than the walk of half a turn, 0.5 m."""
+    for beyond_m, behind in ((0.2, False), (0.8, True)):
+        ahead_y = 0.5 + beyond_m / 2
+        wall = fill(empty(), 0.0, -1.775, 0.1, 1.775)
+        for y in (-0.5, ahead_y):
+            wall = np.where(fill(np.zeros_like(wall), 0.0, y - 0.25, 0.1, y + 0.25) > 0, 0.02, wall)
+        robot, goal = Pose2(-0.3, 0.0, math.pi / 2), np.array([0.4, 0.0])
+        route = Route(SearchConfig())
+        route.update(wall, KNOWN, ORIGIN, CELL_M, robot, goal)
+        assert (route.path.waypoints[1, 1] < 0.0) == behind
+
+
+@pytest.mark.parametrize(("other", "taken"), [(True, 0.9), (False, 0.0)])
+def test_a_gap_in_which_the_guard_would_stop_it_is_the_last_choice(other, taken):
+    """A gap of 0.35 m on the straight line; 0.6 m wide beside it, or none."""
+    wall = fill(empty(), 0.0, -1.775, 0.1, 1.775)
+    wall = np.where(fill(np.zeros_like(wall), 0.0, -0.175, 0.1, 0.175) > 0, 0.02, wall)
+    if other:
+        wall = np.where(fill(np.zeros_like(wall), 0.0, 0.6, 0.1, 1.2) > 0, 0.02, wall)
+    framed = wall.copy()
+    framed[[0, -1]] = 0.97
+    route = Route(SearchConfig())
+    route.update(framed, KNOWN, ORIGIN, CELL_M, START, GOAL)
+    x, y = route.path.waypoints.T
+    after = int(np.argmax(x > 0.05))
+    assert np.interp(0.05, x[after - 1 : after + 1], y[after - 1 : after + 1]) == pytest.approx(
+        taken, abs=0.3
+    )
 
 
 def test_after_a_minute_of_oscillation_it_takes_the_longer_path():
