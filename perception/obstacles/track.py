@@ -251,8 +251,15 @@ class Track:
         return Innovation(None, np.array(innovation))
 
     def _lost(self) -> bool:
-        """Whether a known mover may be outside its own disc: what is detected then may be another obstacle."""
-        return self._proven and largest_sigma(self.state) > self.radius_m
+        """Whether a known mover may be outside its own disc: what is detected then may be another obstacle.
+
+        As seen from the robot: an error of its pose moves all that it expects alike.
+        """
+        if not self._proven:
+            return False
+        mean, covariance = np.empty(2), np.empty((2, 2))
+        _track_kernels.merge(self._belief.w, *self._expectations(), mean, covariance)
+        return largest_sigma(Gaussian(mean, covariance)) > self.radius_m
 
     def _doubt_motion(self) -> None:
         """Give the mode `still` its prior probability again, anywhere in the mixture, and ask for a new proof."""

@@ -344,6 +344,18 @@ def test_a_motion_that_is_doubted_is_forecast_to_stand_where_it_is_seen():
     np.testing.assert_allclose(found.means[0, 0, :2], obstacle.position, atol=0.02)
 
 
+@pytest.mark.parametrize("pose_sigma_m", [0.001, 0.08])
+def test_a_mover_in_sight_is_one_however_unsure_the_pose_of_the_robot(pose_sigma_m):
+    robot = Gaussian(np.zeros(3), np.diag([pose_sigma_m, pose_sigma_m, 0.001]) ** 2)
+    rng, tracker, moving = np.random.default_rng(4), ObstacleTracker(), []
+    for k in range(60):
+        x, y = np.array([1.5, 0.021 * k - 0.6]) + 0.01 * rng.normal(size=2)
+        tracker.update(0.3 * k, [seen_at(x, y)], robot)
+        moving += [one.moving for one in tracker.obstacles]
+    assert len(tracker.obstacles) == 1
+    assert min(moving[25:]) > 0.9
+
+
 def test_the_forecast_of_a_track_begins_at_its_state():
     tracker = ObstacleTracker()
     for k in range(30):
