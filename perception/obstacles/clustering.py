@@ -29,8 +29,8 @@ from ..floor.segmented_view import CUT
 from ..primitives.errors import ConfigError, InputError
 from ..primitives.settings import setting
 from . import circle_fit
+from .row_gaps import NEIGHBOURS, Plan, Sensor, with_level
 
-NEIGHBOURS = np.ones((3, 3), dtype=bool)
 ENOUGH = 1000  # points of a cluster that its measurement uses at most
 CELL_POINTS = 3.0  # ours: least points in a cell, scaled to 2 m; fewer are flying pixels
 TRUNCATED_POINTS = 3  # ours: points at a truncation that make a cluster truncated
@@ -145,6 +145,7 @@ def cluster(
     floor_band: Float[np.ndarray, "n"] | None = None,
     uppermost: Bool[np.ndarray, "n"] | None = None,
     sensor_height_m: float = 0.0,
+    pitch_rad: float = 0.0,
 ) -> list[Cluster]:
     """Separate objects, the nearest to the sensor first.
 
@@ -160,6 +161,8 @@ def cluster(
             (`classify.band`), m; a cluster whose top does not exceed it is none. None: the least height alone.
         uppermost: Points at the upper border of the image; None: no object reaches it.
         sensor_height_m: Height of the sensor above the floor.
+        pitch_rad: Angle between two rows of pixels, the largest of several sensors; by it a level surface seen at a
+            grazing angle stays one. 0: not known.
 
     Raises:
         InputError: Points or sigma are not finite.
@@ -177,7 +180,8 @@ def cluster(
         )
     dx, dy = points[:, 0] - sensor_xy[0], points[:, 1] - sensor_xy[1]
     weight = (dx * dx + dy * dy) / 4.0  # density as seen from 2 m
-    labels, count = _label_objects(points, weight, config)
+    sensor = Sensor(sensor_xy, sensor_height_m, pitch_rad)
+    labels, count = _label_objects(points, weight, sensor, config)
     short = labels.astype(np.uint16) if count < 2**16 else labels  # radix sort
     order = np.argsort(short, kind="stable")
     is_low = points[:, 2] < config.robot_top_m
@@ -215,24 +219,25 @@ def _ends(
 
 
 def _label_objects(
-    points: Float[np.ndarray, "n 3"], weight: Float[np.ndarray, "n"], config: ClusterConfig
+    points: Float[np.ndarray, "n 3"],
+    weight: Float[np.ndarray, "n"],
+    sensor: Sensor,
+    config: ClusterConfig,
 ) -> tuple[Int[np.ndarray, "n"], int]:
     """Label of the object of each point, from 1; 0 for isolated points. And the number of objects."""
     row, column = (np.floor(points[:, k] / config.cell_m).astype(np.int64) for k in (0, 1))
-    row -= row.min()
-    column -= column.min()
+    first = np.array([row.min(), column.min()])
+    row, column = row - first[0], column - first[1]
     rows, columns = int(row.max()) + 1, int(column.max()) + 1
     flat = row * columns + column
-    mass = np.bincount(flat, weight, rows * columns).reshape(rows, columns)
-    labels, count = ndimage.label(mass >= CELL_POINTS, NEIGHBOURS)
-    tops = np.full(rows * columns, -np.inf)
-    np.maximum.at(tops, flat, points[:, 2])
-    plan_tops = tops.reshape(rows, columns)
+    plan = Plan(flat, (rows, columns), first * config.cell_m, config.cell_m)
+    occupied, tops = with_level(points[:, 2], weight, sensor, plan, CELL_POINTS)
+    labels, count = ndimage.label(occupied, NEIGHBOURS)
     longest = MERGED_M / config.cell_m
     for number, box in enumerate(ndimage.find_objects(labels), start=1):
         if max(side.stop - side.start for side in box) <= longest:
             continue
-        part = _split(labels[box] == number, plan_tops[box])
+        part = _split(labels[box] == number, tops[box])
         if part is not None:
             labels[box][part > 1] = part[part > 1] + count - 1
             count += int(part.max()) - 1

@@ -88,6 +88,7 @@ def find_obstacles(
         truncated(view, cloud.of(rising), reach),
         uppermost=uppermost(view, cloud.of(rising)),
         sensor_height_m=floor.offset_m,
+        pitch_rad=1.0 / camera.fy,
     )
 
 

@@ -142,7 +142,9 @@ class RunFolder:
         """
         if not path.is_dir():
             what = "is a file, not the folder of a run" if path.exists() else "does not exist"
-            raise InputError(f"run folder {path} {what}; `surefoot simulate` makes one")
+            raise InputError(
+                f"run folder {path} {what}; expected the output of an earlier command, such as `surefoot simulate` or `map`"
+            )
         run = RunFolder(path)
         results = ("summary.json", "trajectory.txt", "panorama.json", "monocular.json", BATCH_TABLE)
         if any(run.has(name) for name in results) or run.unfinished():

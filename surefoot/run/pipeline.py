@@ -263,6 +263,7 @@ class Pipeline:
             np.concatenate(bands),
             np.concatenate(upper),
             views[0].floor.offset_m,
+            max(self.config.reach.of(v.sensor).stride / v.depth.camera.fy for v in views),
         )
         found = legs.joined(found)
         points_in_body = np.concatenate(in_space)

@@ -175,6 +175,7 @@ def segment_frame(
         truncated(view, cloud.of(rising), reach),
         uppermost=uppermost(view, cloud.of(rising)),
         sensor_height_m=plane.offset_m,
+        pitch_rad=reach.stride / depth.camera.fy,
     )
     return (view,), [
         Detection(one.centre, one.covariance, one.radius_m, one.height_m)
