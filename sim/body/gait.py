@@ -170,11 +170,37 @@ def smooth(share: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
     return np.asarray(t * t * t * (10.0 - 15.0 * t + 6.0 * t * t))
 
 
+def behind(
+    capture: Float[np.ndarray, "m 2"], com: Float[np.ndarray, "2"], omega: float, tick_s: float
+) -> Float[np.ndarray, "n 2"]:
+    """Centre of mass behind a capture point given at the m = n + 1 edges of n ticks, from its place before them.
+
+    Exact for a capture point that moves linearly within a tick.
+    """
+    decay = math.exp(-omega * tick_s)
+    lag = np.diff(capture, axis=0) / (tick_s * omega)
+    drive = capture[1:] - lag - (capture[:-1] - lag) * decay
+    x, y = com.tolist()
+    places = []
+    for push_x, push_y in drive.tolist():
+        x, y = push_x + x * decay, push_y + y * decay
+        places.append((x, y))
+    return np.array(places)
+
+
 class Gait:
     """Generates step after step from the origin of its own dead reckoning, starting with the feet side by side."""
 
-    def __init__(self, config: GaitConfig) -> None:
+    def __init__(self, config: GaitConfig, start_s: float = 0.0) -> None:
+        """Stand.
+
+        Args:
+            config: Dimensions and limits.
+            start_s: Double support of a step out of standing; 0: as commanded.
+        """
         self.config = config
+        self._start = round(start_s / config.tick_s)
+        self._stood = True
         half = config.stance_width_m / 2
         self._frame = Pose2()
         self._feet = Feet(Pose2(0.0, half), Pose2(0.0, -half))
@@ -218,7 +244,11 @@ class Gait:
             )
         )
         frame, target, stepping = self._next(self._frame, self._feet, command, extension_m)
-        phases = self._preview(command, double, single, extension_m)
+        rhythm = double
+        if self._start and stepping and self._stood:
+            double = self._start
+        self._stood = not stepping
+        phases = self._preview(command, double, rhythm, single, extension_m)
         capture = self._capture_points(phases, double, single)
         com, velocity = self._follow(capture)
         swing = before.swing if stepping else 0
@@ -289,9 +319,9 @@ class Gait:
         return moved, target, not (still and square)
 
     def _preview(
-        self, command: WalkCommand, double: int, single: int, extension_m: float
+        self, command: WalkCommand, double: int, rhythm: int, single: int, extension_m: float
     ) -> list[Phase]:
-        """Motion of the ZMP over this step and the previewed ones, which repeat the command."""
+        """Motion of the ZMP over this step and the previewed ones, which repeat the command in their rhythm."""
         tick = self.config.tick_s
         phases: list[Phase] = []
         frame, feet, zmp = self._frame, self._feet, self._zmp
@@ -310,7 +340,7 @@ class Gait:
             there = np.array([support.x, support.y])
             phases.append(Phase(zmp, there, double * tick))
             phases.append(Phase(there, there, single * tick))
-            zmp = there
+            zmp, double = there, rhythm
         return phases
 
     def _capture_points(
@@ -337,22 +367,10 @@ class Gait:
     def _follow(
         self, capture: Float[np.ndarray, "m 2"]
     ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
-        """Centre of mass behind a capture point given at the m = n + 1 edges of n ticks.
-
-        Exact for a capture point that moves linearly within a tick.
-        """
-        tick, omega = self.config.tick_s, self._omega
-        decay = math.exp(-omega * tick)
-        lag = np.diff(capture, axis=0) / (tick * omega)
-        drive = capture[1:] - lag - (capture[:-1] - lag) * decay
-        x, y = self._com.tolist()
-        places = []
-        for push_x, push_y in drive.tolist():
-            x, y = push_x + x * decay, push_y + y * decay
-            places.append((x, y))
-        com = np.array(places)
+        """Centre of mass behind a capture point, and its velocity."""
+        com = behind(capture, self._com, self._omega, self.config.tick_s)
         self._com, self._capture = com[-1], capture[-1]
-        return com, omega * (capture[1:] - com)
+        return com, self._omega * (capture[1:] - com)
 
     def _swing(
         self, feet: Feet, target: Pose2, stepping: bool, double: int, single: int, level: bool

@@ -50,10 +50,21 @@ class JointedHead:
         self._angles = np.zeros(count)
         self._aim = self._reached(*robot.direction(self._angles))
         self._angles[list(robot.gaze)] = self._aim
+        self._lag = np.zeros(count)
 
     def look(self, gaze: GazeCommand) -> None:
         """Set the gaze, clipped to the range of the robot and of its joints."""
         self._aim = self._reached(gaze.pan_rad, gaze.tilt_rad)
+
+    @property
+    def setpoints(self) -> Float[np.ndarray, "n"]:
+        """Angles of the gaze joints commanded to their motors now, rad; zero for the legs."""
+        return self._angles
+
+    def set_motors(self, angles: Float[np.ndarray, "n"]) -> None:
+        """Set where the motors of the gaze are; called by a body with dynamics."""
+        chosen = list(self.robot.gaze)
+        self._lag[chosen] = angles[chosen] - self._angles[chosen]
 
     def advance(self, seconds: float) -> None:
         """Move both joints towards the gaze, each within the speed limit."""
@@ -62,7 +73,7 @@ class JointedHead:
 
     def camera_from_encoders(self, mount: tuple[float, float, float]) -> Pose3:
         """Camera in the frame of the pelvis as the encoders give it; the mount is its position in the frame of the cameras, m."""
-        return self.robot.camera(self.read(self._angles), mount)
+        return self.robot.camera(self.read(self.commanded_angles), mount)
 
     def true_camera(self, mount: tuple[float, float, float]) -> Pose3:
         """True camera in the frame of a pelvis without sway."""
@@ -71,14 +82,14 @@ class JointedHead:
     @property
     def true_angles(self) -> Float[np.ndarray, "n"]:
         """True angles of the gaze joints, rad; zero for the legs."""
-        chosen, angles = list(self.robot.gaze), self._angles.copy()
+        chosen, angles = list(self.robot.gaze), self._angles + self._lag
         angles[chosen] += self.offsets[chosen]
         return angles
 
     @property
     def commanded_angles(self) -> Float[np.ndarray, "n"]:
         """Angles of the gaze joints by their motors, rad; zero for the legs."""
-        return self._angles
+        return self._angles + self._lag
 
     def read(self, angles: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """Angles as encoders of this resolution give them, rad."""

@@ -18,7 +18,7 @@ from perception.primitives.robot_model import GaitLimits, HeadLimits, RobotModel
 from perception.primitives.safe_input import UnreadableError
 
 from ..scenes.scene_table import TableReader
-from .description import AXES, SENSORS, Description, Gaze, Legs, Sensor, Walk
+from .description import AXES, SENSORS, Description, Dynamic, Gaze, Legs, Sensor, Walk
 
 OWN = "surefoot"
 """The robot of this project, which needs no description."""
@@ -26,18 +26,25 @@ OWN = "surefoot"
 EXAMPLE = "[legs]\nleft = [six joints, from the hip down]"
 KEYS: dict[str, tuple[str, ...]] = {
     "": ("title", "licence", "origin", "package", "urdf", "turn_deg", "posture", "legs", "body", "gait",
-         "steps", "camera", "gaze", *SENSORS),
+         "steps", "camera", "gaze", "dynamic", "odometry", *SENSORS),
     "legs": ("left", "right", "feet", "sole_m", "sole_size_m"),
     "body": ("height_m", "width_m", "depth_m", "radius_m", "passage_m"),
     "gait": ("hip_m", "com_m", "stance_m", "narrowest_m", "lift_m", "single_support_s", "double_support_s"),
     "steps": ("cruise_mps", "max_mps", "back_mps", "side_mps", "turn_deg", "up_m", "down_m", "reach_m"),
     "camera": ("frame", "axis", "at_m", "eye_m"),
     "gaze": ("pan", "tilt", "pan_deg", "tilt_deg", "speed_radps"),
+    "dynamic": ("contact_x_m", "contact_y_m", "inward_m", "start_s", "slew_m", "ankle_gain", "ankle_rate_s",
+                "shift_mps", "shift_forget_s", "touch_share", "hold_m", "wait_s"),
+    "odometry": ("slip_m", "slip_sigma_m", "lateral_slip_m", "lateral_slip_sigma_m", "drift_sigma_deg", "step_x_sigma_m",
+                 "step_y_sigma_m", "step_yaw_sigma_deg", "still_sigma_m", "still_sigma_deg"),
     "tof": ("width", "height", "across_deg", "down_deg", "at_m"),
     "depth": ("width", "height", "across_deg", "down_deg", "baseline_m", "noise_px", "at_m"),
     "stereo": ("width", "height", "across_deg", "baseline_m", "at_m"),
     "colour": ("width", "height", "across_deg", "at_m"),
 }  # fmt: skip
+
+
+OPTIONAL = ("dynamic", "odometry", *SENSORS)
 
 
 def names() -> tuple[str, ...]:
@@ -90,7 +97,7 @@ def _tables(path: Path, content: Mapping[str, Any]) -> dict[str, dict[str, Any]]
                 hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
                 where = f"[{name}] " if name else ""
                 raise InputError(f"{path}: {where}key {key!r} is unknown; {hint}")
-        if name and name not in SENSORS and not table:
+        if name and name not in OPTIONAL and not table:
             raise InputError(f"{path}: no table [{name}]; expected {', '.join(known)}")
         found[name] = table
     return found
@@ -125,6 +132,41 @@ def _description(
         gaze,
         _model(file, tables),
         tuple((name, _sensor(file, name, tables[name])) for name in SENSORS if tables[name]),
+        _dynamic(file, tables["dynamic"], tables["odometry"]) if tables["dynamic"] else None,
+    )
+
+
+def _dynamic(file: TableReader, table: dict[str, Any], odometry: dict[str, Any]) -> Dynamic:
+    def span(key: str) -> tuple[float, float]:
+        low, high = (float(v) for v in file.numbers(table, key, 2, -1.0, 1.0))
+        if not low < high:
+            raise file.refusal(key, table[key], "the smaller number first")
+        return low, high
+
+    noise = []
+    for key in KEYS["odometry"]:
+        value = file.number(odometry, key, None, -90.0, 90.0)
+        angle = key.endswith("_deg")
+        noise.append((f"{key[:-4]}_rad", math.radians(value)) if angle else (key, value))
+    return Dynamic(
+        span("contact_x_m"),
+        span("contact_y_m"),
+        *(
+            file.number(table, key, None, least, most)
+            for key, least, most in (
+                ("inward_m", -0.1, 0.1),
+                ("start_s", 0.1, 5.0),
+                ("slew_m", 0.001, 1.0),
+                ("ankle_gain", 0.0, 2.0),
+                ("ankle_rate_s", 0.0, 1.0),
+                ("shift_mps", 0.0, 2.0),
+                ("shift_forget_s", 0.01, 100.0),
+                ("touch_share", 0.001, 0.5),
+                ("hold_m", 0.0, 0.2),
+                ("wait_s", 0.0, 2.0),
+            )
+        ),
+        tuple(noise),
     )
 
 

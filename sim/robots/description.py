@@ -81,6 +81,41 @@ class Sensor:
 
 
 @dataclass(frozen=True)
+class Dynamic:
+    """How a robot walks in a physics engine, and how well its own odometry follows.
+
+    Args:
+        contact_x_m, contact_y_m: Corners of the left sole that touch the floor, from the origin of its link, ahead and
+            left; mirrored for the right one.
+        inward_m: By how much the planned ZMP is further inside than the point that a footstep places.
+        start_s: Double support of the first step.
+        slew_m: By how much forward motion may change from one step to the next.
+        ankle_gain: Share of the tilt that the ankles of standing feet undo.
+        ankle_rate_s: The same of its rate.
+        shift_mps: Speed of a foot, up or down, for a load that is wrong by the whole weight.
+        shift_forget_s: Time in which this shift decays.
+        touch_share: Share of the weight on a sole from which it has landed.
+        hold_m: Greatest height of an early landing.
+        wait_s: Longest wait for a late one.
+        odometry: Noise of the step odometry, by the names of `LocaliserConfig`, m and rad.
+    """
+
+    contact_x_m: tuple[float, float]
+    contact_y_m: tuple[float, float]
+    inward_m: float
+    start_s: float
+    slew_m: float
+    ankle_gain: float
+    ankle_rate_s: float
+    shift_mps: float
+    shift_forget_s: float
+    touch_share: float
+    hold_m: float
+    wait_s: float
+    odometry: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
 class Description:
     """A robot with its model for the planners.
 
@@ -93,6 +128,7 @@ class Description:
         posture: Joints that are frozen away from zero, and their angles, rad.
         model: Sizes and limits.
         sensors: Its cameras by name, of `SENSORS`.
+        dynamic: How it walks in a physics engine; None: it does not.
     """
 
     file: Path
@@ -108,6 +144,7 @@ class Description:
     gaze: Gaze
     model: RobotModel
     sensors: tuple[tuple[str, Sensor], ...]
+    dynamic: Dynamic | None = None
 
     def sensor(self, name: str) -> Sensor | None:
         """A camera of this robot; None without it."""

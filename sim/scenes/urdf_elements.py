@@ -105,3 +105,13 @@ def numbers(
             f"{path}: {name}={text!r} of <{element.tag}>: {expected}, none beyond {MOST_M:g}"
         )
     return values
+
+
+def numbers_of(
+    parent: ET.Element, tag: str, names: tuple[str, ...], path: Path
+) -> list[float]:
+    """A number from each of these attributes of a child that must be there."""
+    child = parent.find(tag)
+    if child is None:
+        raise InputError(f"{path}: <{parent.tag}> lacks <{tag}>")
+    return [numbers(child, name, 1, path)[0] for name in names]

@@ -124,9 +124,12 @@ class Attitude:
 
 
 class AnkleFeedback:
-    """Feedback of the tilt to the ankles of the standing feet."""
+    """Feedback of the tilt, and of its rate, to the ankles of the standing feet."""
 
-    def __init__(self, tick_s: float) -> None:
+    def __init__(
+        self, tick_s: float, tilt_gain: float = TILT_GAIN, gyro_gain_s: float = GYRO_GAIN_S
+    ) -> None:
+        self._tilt_gain, self._gyro_gain_s = tilt_gain, gyro_gain_s
         self._change = tick_s / BLEND_S
         self._tilt = np.zeros(2)
         self._weight = np.ones(2)  # of the feedback, left and right
@@ -153,8 +156,8 @@ class AnkleFeedback:
         full = 1.0 if walking else STANDING_SHARE
         self._damping += min(max(full - self._damping, -self._change), self._change)
         self._tilt = TILT_MEMORY * self._tilt + (1.0 - TILT_MEMORY) * tilt
-        damping = self._damping * GYRO_GAIN_S
-        roll, pitch = TILT_GAIN * self._tilt + damping * rate
+        damping = self._damping * self._gyro_gain_s
+        roll, pitch = self._tilt_gain * self._tilt + damping * rate
         for k, side in enumerate((1, -1)):
             target = 0.0 if swinging == side else 1.0
             self._weight[k] += min(max(target - self._weight[k], -self._change), self._change)
@@ -162,14 +165,44 @@ class AnkleFeedback:
             angles[6 * k + 5] += self._weight[k] * roll
 
 
+@dataclass(frozen=True)
+class Touch:
+    """When a sole has landed, and how far it may leave its planned height.
+
+    Args:
+        touch_n: Force on a sole that counts as contact.
+        light_n: Force below which a foot that should stand is lowered.
+        hold_m: Greatest height of an early landing.
+        lower_mps, lower_m: Speed and limit with which a foot is lowered.
+        forget_s: Decay of the corrections.
+    """
+
+    touch_n: float = TOUCH_N
+    light_n: float = LIGHT_N
+    hold_m: float = HOLD_MOST_M
+    lower_mps: float = LOWER_MPS
+    lower_m: float = LOWER_MOST_M
+    forget_s: float = FORGET_S
+
+
+SMALL_TOUCH = Touch()
+
+
 class LandingControl:
     """Height corrections of both soles against the plan, m."""
 
-    def __init__(self, config: BalanceConfig, tick_s: float, scale: float = 1.0) -> None:
+    def __init__(
+        self,
+        config: BalanceConfig,
+        tick_s: float,
+        scale: float = 1.0,
+        touch: Touch = SMALL_TOUCH,
+    ) -> None:
         self._config = config
         self._tick_s = tick_s
-        self._fade = math.exp(-tick_s / FORGET_S)
+        self._fade = math.exp(-tick_s / touch.forget_s)
         self._scale = scale
+        self._touch = touch
         self.heights = np.zeros(2)  # left, right
         self._held: list[float | None] = [None, None]
         self._waited = 0
@@ -212,9 +245,9 @@ class LandingControl:
                 continue
             if swinging:
                 self._hold(k, float(step.lift[tick]), load_n)
-            elif load_n < LIGHT_N:
-                lower = self.heights[k] - LOWER_MPS * self._tick_s * self._scale
-                self.heights[k] = max(lower, -LOWER_MOST_M * self._scale)
+            elif load_n < self._touch.light_n:
+                lower = self.heights[k] - self._touch.lower_mps * self._tick_s * self._scale
+                self.heights[k] = max(lower, -self._touch.lower_m * self._scale)
 
     def must_wait(self, step: Step, tick: int, load_n: float) -> bool:
         """Whether the plan pauses at the start of a double support because the new foot bears no weight yet.
@@ -222,7 +255,7 @@ class LandingControl:
         A body that leans outward over its stance foot swings back by itself unless its weight is meanwhile shifted
         onto a foot in the air.
         """
-        late = step.stepping and tick == 0 and load_n < TOUCH_N
+        late = step.stepping and tick == 0 and load_n < self._touch.touch_n
         if late and self._waited < self._config.wait_s / self._tick_s:
             self._waited += 1
             return True
@@ -234,13 +267,13 @@ class LandingControl:
         """After contact keep the sole at the height of contact."""
         held = self._held[k]
         if held is None:
-            if load_n > TOUCH_N:
+            if load_n > self._touch.touch_n:
                 self._held[k] = lift + self.heights[k]
             elif self._landing_now:
                 lower = self.heights[k] - LAND_NOW_MPS * self._tick_s * self._scale
-                self.heights[k] = max(lower, -lift - LOWER_MOST_M * self._scale)
+                self.heights[k] = max(lower, -lift - self._touch.lower_m * self._scale)
         elif self._landing_now:
             self.heights[k] = held - lift
         else:
-            most = HOLD_MOST_M * self._scale
+            most = self._touch.hold_m * self._scale
             self.heights[k] = min(max(held - lift, self.heights[k]), most)

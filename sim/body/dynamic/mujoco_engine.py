@@ -20,7 +20,7 @@ from jaxtyping import Float
 from perception.primitives.pose import Pose3, times
 
 from ..pendulum import GRAVITY_MPS2
-from .anatomy import links
+from .anatomy import Anatomy, links
 from .mjcf import DAMPING_S, STIFFNESS, mjcf
 from .physics import Stage
 
@@ -37,6 +37,7 @@ class MujocoPhysics:
         model = self.model = mujoco.MjModel.from_xml_string(mjcf(stage, stage.tick_s / STEPS))
         data = self.data = mujoco.MjData(model)
         self._tick_s, self._up = stage.tick_s, np.array(stage.up)
+        assert isinstance(stage.body, Anatomy)
         found = links(stage.body)
         self._base, self._weight = model.body(found[0].name).id, found[0].centre_of_mass
         self._shapes = {link.name: model.geom(link.name).id for link in found if link.solid}

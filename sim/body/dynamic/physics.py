@@ -8,7 +8,7 @@ Source: friction from walking trials with PyBullet; the rest is ours.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -27,12 +27,31 @@ SPIN_M = 0.01  # ours: rubber soles touch by patches of about a centimetre
 THINNEST_M = 0.01  # ours: side of the box that replaces a solid without volume
 
 
+@dataclass(frozen=True, eq=False)
+class Machine:
+    """A robot as an engine loads it.
+
+    Args:
+        urdf: Text; each link but the base has the name of the joint that carries it.
+        centre: Centre of mass of the base, own frame, m.
+        axes: Axes in which the text states the inertia of the base, own frame.
+        torques: Limits by joint, N m.
+        spin_m: Friction of a sole that turns on its spot.
+    """
+
+    urdf: str
+    centre: Float[np.ndarray, "3"]
+    axes: Float[np.ndarray, "3 3"]
+    torques: Mapping[str, float]
+    spin_m: float = SPIN_M
+
+
 @dataclass(frozen=True)
 class Stage:
     """What is simulated: a robot on a floor, among objects.
 
     Args:
-        body: Dimensions and masses of the robot.
+        body: Dimensions and masses of the robot; a `Machine` for PyBullet only.
         start: Its pose, world frame.
         stance: Joint angles by name, rad; the others are zero.
         hip_m: Height of the pelvis in that posture, above the floor z = 0.
@@ -43,7 +62,7 @@ class Stage:
         moving: Parts of each moving object about its origin; `Physics.place` moves them.
     """
 
-    body: Anatomy
+    body: Anatomy | Machine
     start: Pose2
     stance: dict[str, float]
     hip_m: float
@@ -56,7 +75,7 @@ class Stage:
 
 @runtime_checkable
 class Physics(Protocol):
-    """A robot on a floor, simulated tick by tick. Joints and links have the names of `anatomy.links`."""
+    """A robot on a floor, simulated tick by tick. Joints and links have the names of `anatomy.links` or of the `Machine`."""
 
     def command_joints(
         self, names: tuple[str, ...], angles: Float[np.ndarray, "n"], rates: Float[np.ndarray, "n"]

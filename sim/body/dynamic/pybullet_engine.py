@@ -25,8 +25,8 @@ from ... import bullet
 from ...rendering.renderer import silenced_output
 from ...shapes import Box, Solid
 from ..pendulum import GRAVITY_MPS2
-from .anatomy import links
-from .physics import FRICTION, SPIN_M, Stage, convex
+from .anatomy import Anatomy, links
+from .physics import FRICTION, Machine, Stage, convex
 from .urdf import robot_urdf, static_urdf
 
 POSITION_GAIN = 0.3  # walking trials, per tick: with 5 sub-steps per tick the robot falls
@@ -57,15 +57,16 @@ class PyBulletPhysics:
         floor = b.createMultiBody(0, plane, physicsClientId=c)
         b.changeDynamics(floor, -1, lateralFriction=FRICTION, physicsClientId=c)
         self._ground = {int(floor)}
-        body, start, stance = stage.body, stage.start, stage.stance
+        body, start, stance = _machine(stage.body), stage.start, stage.stance
         place = [start.x, start.y, stage.hip_m]
         turn = [0.0, 0.0, math.sin(start.yaw / 2), math.cos(start.yaw / 2)]
-        self.robot = self._load(robot_urdf(body), place, turn, fixed=False)
+        self.robot = self._load(body.urdf, place, turn, fixed=False)
         self.index = {
             b.getJointInfo(self.robot, k, physicsClientId=c)[1].decode(): k
             for k in range(b.getNumJoints(self.robot, physicsClientId=c))
         }
-        self._weight = links(body)[0].centre_of_mass
+        self._weight, self._axes = body.centre, body.axes
+        self._turned = not np.array_equal(body.axes, np.eye(3))
         for link in range(-1, len(self.index)):
             b.changeDynamics(
                 self.robot,
@@ -74,14 +75,14 @@ class PyBulletPhysics:
                 angularDamping=0.0,
                 jointDamping=0.0,
                 lateralFriction=FRICTION,
-                spinningFriction=SPIN_M,
+                spinningFriction=body.spin_m,
                 frictionAnchor=1,
                 physicsClientId=c,
             )
         for name, k in self.index.items():
             b.resetJointState(self.robot, k, stance.get(name, 0.0), physicsClientId=c)
-        self._torque = body.servo_nm
-        self._commanded: dict[tuple[str, ...], list[int]] = {}
+        self._torques = body.torques
+        self._commanded: dict[tuple[str, ...], tuple[list[int], list[float]]] = {}
         names = tuple(self.index)
         angles = np.array([stance.get(name, 0.0) for name in names])
         self.command_joints(names, angles, np.zeros(len(names)))
@@ -91,7 +92,7 @@ class PyBulletPhysics:
     def command_joints(
         self, names: tuple[str, ...], angles: Float[np.ndarray, "n"], rates: Float[np.ndarray, "n"]
     ) -> None:
-        found = self._numbers(names)
+        found, torques = self._numbers(names)
         b, count = self._bullet, len(found)
         b.setJointMotorControlArray(
             self.robot,
@@ -99,7 +100,7 @@ class PyBulletPhysics:
             b.POSITION_CONTROL,
             targetPositions=angles.tolist(),
             targetVelocities=rates.tolist(),
-            forces=[self._torque] * count,
+            forces=torques,
             positionGains=[POSITION_GAIN] * count,
             velocityGains=[1.0] * count,
             physicsClientId=self.client,
@@ -107,7 +108,7 @@ class PyBulletPhysics:
 
     def angles(self, names: tuple[str, ...]) -> Float[np.ndarray, "n"]:
         states = self._bullet.getJointStates(
-            self.robot, self._numbers(names), physicsClientId=self.client
+            self.robot, self._numbers(names)[0], physicsClientId=self.client
         )
         return np.array([state[0] for state in states])
 
@@ -122,6 +123,8 @@ class PyBulletPhysics:
         )
         x, y, z, w = turn
         rotation = Pose3((0.0, 0.0, 0.0), (x, y, z, w)).rotation
+        if self._turned:
+            rotation = times(rotation, self._axes.T)
         return Pose3.from_rotation(rotation, np.array(place) - times(rotation, self._weight))
 
     def imu_reading(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
@@ -130,6 +133,8 @@ class PyBulletPhysics:
             self.robot, physicsClientId=self.client
         )
         R = np.array(self._bullet.getMatrixFromQuaternion(turn)).reshape(3, 3)
+        if self._turned:
+            R = times(R, self._axes.T)
         force = (np.array(velocity) - self._velocity) / self._tick_s + GRAVITY_MPS2 * self.up
         return times(R.T, np.array(rate)), times(R.T, force)
 
@@ -202,9 +207,13 @@ class PyBulletPhysics:
         found = self._bullet.getBaseVelocity(self.robot, physicsClientId=self.client)
         return found[0], found[1]
 
-    def _numbers(self, names: tuple[str, ...]) -> list[int]:
+    def _numbers(self, names: tuple[str, ...]) -> tuple[list[int], list[float]]:
+        """Numbers and torque limits of joints."""
         if names not in self._commanded:
-            self._commanded[names] = [self.index[name] for name in names]
+            self._commanded[names] = (
+                [self.index[name] for name in names],
+                [self._torques[name] for name in names],
+            )
         return self._commanded[names]
 
     def _load(self, text: str, place: list[float], turn: list[float], fixed: bool) -> int:
@@ -224,3 +233,12 @@ class PyBulletPhysics:
                     physicsClientId=self.client,
                 )
             )
+
+
+def _machine(body: Anatomy | Machine) -> Machine:
+    """Our own robot as the engine loads it."""
+    if isinstance(body, Machine):
+        return body
+    found = links(body)
+    torques = {link.name: body.servo_nm for link in found[1:]}
+    return Machine(robot_urdf(body), found[0].centre_of_mass, np.eye(3), torques)

@@ -19,7 +19,8 @@ from perception.primitives.pose import Pose2, Pose3, times
 from planning.commands import WalkCommand
 
 from ...ground import Ground
-from ...shapes import Box
+from ...scene import Scene
+from ...shapes import Box, Shape
 from ...world import World
 from ..body import Advance
 from ..gait import Gait, GaitConfig, Step
@@ -27,7 +28,7 @@ from ..head import Head
 from ..inertial import ImuConfig
 from ._legs_kernels import apply_backlash
 from .anatomy import DARWIN
-from .balance import AnkleFeedback, Attitude, LandingControl
+from .balance import AnkleFeedback, LandingControl
 from .capture import CapturePoint
 from .config import DynamicConfig
 from .engines import begin
@@ -35,6 +36,7 @@ from .hip_strategy import HipStrategy
 from .legs import Legs, tilt_rotation
 from .odometry import Footprints, FootToFootOdometry, body_between_feet
 from .physics import Stage
+from .sensing import TrunkSensor
 from .urdf import floor_bumps
 
 SETTLE_S = 1.0  # ours: standing before the start
@@ -42,7 +44,6 @@ NECK = ("pan", "tilt")
 TOP_M = 1.0  # ours: higher objects cannot be touched
 FALLEN = math.cos(math.radians(50.0))  # ours: tilt beyond which the body has fallen
 BUMP_M = 0.005  # ours: lower steps are left to the control of the landing, as on bumps
-MEAN_S = 0.2  # time over which `ImuConfig` states its noise
 
 
 class DynamicBody:
@@ -101,20 +102,12 @@ class DynamicBody:
             tick_s,
             config.up,
             [*bumps, *levels],
-            [
-                part
-                for item in world.scene.static_objects
-                for part in item.parts
-                if part.bottom_m < self._floor_m + TOP_M
-                and not (item.ground and isinstance(part, Box))
-            ],
+            still_parts(world.scene, self._floor_m + TOP_M),
             [parts for _, parts, _ in world.scene.moving_bodies],
         )
         self.physics = begin(config.engine, stage)
-        self._imu = imu
-        self._gyro_bias = imu.gyro_bias_radps * rng.standard_normal(3)
-        self._force_bias = imu.force_bias_mps2 * rng.standard_normal(3)
-        self._attitude = Attitude(config.balance, tick_s)
+        self._sensor = TrunkSensor(imu, config.balance, tick_s, rng)
+        self._attitude = self._sensor.attitude
         self._ankles = AnkleFeedback(tick_s)
         self._landing = LandingControl(config.balance, tick_s, self._scale)
         self._capture = CapturePoint(config.balance, gait.com_height_m, self._scale)
@@ -122,9 +115,6 @@ class DynamicBody:
         self._encoders = self._rounded(self._angles)
         self._command: WalkCommand | None = None
         self._push: tuple[np.ndarray, int] = (np.zeros(3), 0)
-        self._sums: tuple[np.ndarray, np.ndarray, int] = (np.zeros(3), np.zeros(3), 0)
-        self._rate = np.zeros(3)
-        self._velocity = np.zeros(2)
         self.fallen = False
         self._ticks = -round(SETTLE_S / tick_s)
         self._last = np.append(self._angles, [0.0, 0.0])
@@ -279,10 +269,7 @@ class DynamicBody:
         )
 
     def measure_imu(self) -> Imu:
-        """Means since the previous call, in level axes of the sensor's own attitude estimate."""
-        rate, force, count = self._sums
-        self._sums = (np.zeros(3), np.zeros(3), 0)
-        return Imu(rate / max(count, 1), force / max(count, 1))
+        return self._sensor.measure()
 
     def close(self) -> None:
         self.physics.close()
@@ -311,25 +298,13 @@ class DynamicBody:
             self._step, self._planned, self._tick_s, before_m
         )
         self._left, self._right = self._legs.ankles(self._step)
-        # planned acceleration of the walk, along and across the body
-        velocity = np.vstack([self._velocity, self._step.com_velocity])
-        self._velocity = velocity[-1]
-        push = np.diff(velocity, axis=0) / self._tick_s
-        c, s = np.array([(math.cos(yaw), math.sin(yaw)) for yaw in self._step.body[:, 2]]).T
-        self._planned_push = np.column_stack(
-            [c * push[:, 0] + s * push[:, 1], c * push[:, 1] - s * push[:, 0]]
-        )
-        noise = self._rng.standard_normal((self._step.ticks, 6))
-        scale = math.sqrt(MEAN_S / self._tick_s)
-        noise[:, :3] *= scale * self._imu.gyro_sigma_radps
-        noise[:, 3:] *= scale * self._imu.force_sigma_mps2
-        self._noise = noise
+        self._sensor.begin_step(self._step.com_velocity, self._step.body[:, 2])
 
     def _advance_tick(self) -> None:
         """Plan, balance, servos, physics, sensors."""
         step, tick = self._step, self._tick
         physics = self.physics
-        tilt, rate = self._attitude.tilt - self._hips.bend, self._rate[:2] - self._hips.rate
+        tilt, rate = self._attitude.tilt - self._hips.bend, self._sensor.rate[:2] - self._hips.rate
         self._capture.update(tilt, rate)
         self._hips.update(self._capture.error)
         if self.swinging and self._capture.is_falling_to(self.swinging):
@@ -387,7 +362,7 @@ class DynamicBody:
         shifted = step.stepping and 2 * tick >= step.double_support_ticks
         if shifted and self._odometry.standing != -step.swing:
             self._odometry.set_stance(self._footprints, -step.swing)
-        self._sense(tick)
+        self._sensor.sense(tick, self.physics.imu_reading())
         if tilt_rotation(self._attitude.tilt - self._hips.bend)[2, 2] < FALLEN:
             self.fallen = True
 
@@ -396,19 +371,15 @@ class DynamicBody:
         count = math.radians(self.config.encoder_deg)
         return np.round(angles / count) * count if count > 0.0 else angles
 
-    def _sense(self, tick: int) -> None:
-        """Inertial sensor in the trunk, with bias and noise."""
-        rate, force = self.physics.imu_reading()
-        rate = rate + self._gyro_bias + self._noise[tick, :3]
-        force = force + self._force_bias + self._noise[tick, 3:]
-        self._rate = rate
-        attitude = self._attitude
-        attitude.update(rate, force, self._planned_push[tick])
-        level = attitude.level()
-        upright = times(level, rate)
-        upright[2] = attitude.yaw_rate(rate)
-        turned, pushed, count = self._sums
-        self._sums = (turned + upright, pushed + times(level, force), count + 1)
+
+def still_parts(scene: Scene, top_m: float) -> list[Shape]:
+    """What a body can touch of the static objects, up to a height; levels of the ground are not among it."""
+    return [
+        part
+        for item in scene.static_objects
+        for part in item.parts
+        if part.bottom_m < top_m and not (item.ground and isinstance(part, Box))
+    ]
 
 
 def _turned(yaw: float) -> Float[np.ndarray, "2 2"]:
