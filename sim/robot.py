@@ -4,7 +4,8 @@ It delivers two frames per step: 0.2 s before the end of single support, and at 
 command. Colour and stereo cameras take images at the end only, unless image pairs are enabled. A `Frame` holds sensor
 readings only: `T_body_camera` comes from the encoders, odometry from the joints. The body is kinematic (exact
 footsteps with drawn slip and sway) or dynamic (`sim.body.dynamic`: servos and soles in a physics engine). A robot that
-is described by a URDF (`sim.robots`) has a kinematic body, and its cameras see its own links.
+is described by a URDF (`sim.robots`) has a kinematic body, or a dynamic one (`sim.body.humanoid`) where its description says
+how it walks; its cameras see its own links.
 
 Source: seed 000, section 2.1.1 (image times); seeds 003 and 004 (cameras).
 """
@@ -15,6 +16,7 @@ import math
 
 import numpy as np
 
+from perception.primitives.errors import ConfigError
 from perception.primitives.frame import (
     ColourView,
     DepthView,
@@ -31,6 +33,8 @@ from planning.commands import GazeCommand, WalkCommand
 from .body.body import Advance, Body, true_frame
 from .body.dynamic.walker import DynamicBody
 from .body.head import Head
+from .body.humanoid.joints import EngineJoints
+from .body.humanoid.walker import HumanoidBody
 from .body.inertial import InertialSensor
 from .body.jointed import JointedHead, JointedLegs, solids_of
 from .body.kinematic import KinematicBody
@@ -56,7 +60,7 @@ class SimulatedRobot:
         body, head, imu, tof, colour, stereo, depth = (np.random.default_rng(s) for s in streams)
         self.body: Body
         self._head: Head | JointedHead
-        self._legs: JointedLegs | None = None
+        self._legs: JointedLegs | EngineJoints | None = None
         found = config.described
         pieces, foot = world.scene.ground, config.measures.foot_m
         self.ground = Ground(pieces, (foot[0], foot[1])) if pieces else None
@@ -64,10 +68,17 @@ class SimulatedRobot:
             self._head = JointedHead(jointed(found), config.head, head)
         else:
             self._head = Head(config.head, head)
-        if config.body == "dynamic":
-            assert isinstance(self._head, Head)
+        if config.body == "dynamic" and isinstance(self._head, Head):
             self.body = DynamicBody(
                 world, config.gait, config.dynamic, config.imu, self._head, body, self.ground
+            )
+        elif config.body == "dynamic":
+            if self.ground is not None:
+                raise ConfigError(
+                    f"robot: the dynamic body of model={config.model!r} walks on one level only; set body='kinematic'"
+                )
+            self.body = HumanoidBody(
+                world, config.gait, config.dynamic, config.imu, self._head, body
             )
         else:
             inertial = InertialSensor(config.imu, imu)
@@ -76,7 +87,11 @@ class SimulatedRobot:
                 self.ground,
             )  # fmt: skip
         if isinstance(self._head, JointedHead):
-            self._legs = JointedLegs(self._head, self.body)
+            self._legs = (
+                EngineJoints(self.body)
+                if isinstance(self.body, HumanoidBody)
+                else JointedLegs(self._head, self.body)
+            )
             own = self._own_body(self._head.robot)
             solids = solids_of(self._head.robot, own)
             self._shown = tuple(solids)

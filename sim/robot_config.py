@@ -139,10 +139,8 @@ class RobotConfig:
     def __post_init__(self) -> None:
         if self.body not in BODIES:
             raise ConfigError(f"robot: body={self.body!r} is unknown; choose {', '.join(BODIES)}")
-        if self.body == "dynamic" and self.model != catalogue.OWN:
-            raise ConfigError(
-                f"robot: model={self.model!r} has no dynamic body; set body='kinematic'"
-            )
+        if self.body == "dynamic":
+            self._check_dynamic()
         if self.tof_source not in RANGE_SOURCES:
             raise ConfigError(
                 f"robot: tof_source={self.tof_source!r} is unknown; choose {', '.join(RANGE_SOURCES)}"
@@ -154,6 +152,21 @@ class RobotConfig:
         if not self.baseline_m > 0.0:
             raise ConfigError(f"robot: baseline_m={self.baseline_m} must be positive")
         check_ranges("robot", self, tof_mount_m=(-2.0, 2.0), baseline_m=(0.0, 1.0))
+
+    def _check_dynamic(self) -> None:
+        """Raise a ConfigError unless a described robot has a dynamic body in this engine."""
+        found = self.described
+        if found is None:
+            return
+        if found.dynamic is None:
+            raise ConfigError(
+                f"robot: model={self.model!r} has no dynamic body: no table [dynamic] in {found.file}; set body='kinematic'"
+            )
+        if self.dynamic.engine != "pybullet":
+            raise ConfigError(
+                f"robot: dynamic.engine={self.dynamic.engine!r} is for our own robot; "
+                f"model={self.model!r} walks in 'pybullet'"
+            )
 
 
 def grown(config: RobotConfig) -> RobotConfig:

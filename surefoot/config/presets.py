@@ -43,16 +43,19 @@ LONGER = 1.9  # ours: of a plausible step, relative to the longest one that is c
 def needs(robot: RobotConfig) -> dict[str, Any]:
     """Values that differ from the defaults for this body, as nested tables.
 
-    For the dynamic body: step odometry. For another anatomy or scale: the height below which
+    For the dynamic body: step odometry, that of its description for a robot that has one. For another anatomy or scale: the height below which
     points are obstacles. For a robot that is described: its steps, and the field of view that the gaze aims.
     """
     found: dict[str, Any] = {}
+    described = robot.described
     if robot.body == "dynamic":
-        found["localiser"] = _differing(WALKED_LOCALISER, LocaliserConfig())
+        noise = WALKED_LOCALISER
+        if described is not None and described.dynamic is not None:
+            noise = dataclasses.replace(noise, **dict(described.dynamic.odometry))
+        found["localiser"] = _differing(noise, LocaliserConfig())
     height_m = model_of(robot, GaitLimits()).height_m
     if height_m != ClassConfig().robot_height_m:
         found["classes"] = {"robot_height_m": height_m}
-    described = robot.described
     if described is not None:
         gait = described.model.gait
         found["gait"] = vars(gait)

@@ -21,6 +21,7 @@ from ._tree_kernels import shifted
 from .tree import Tree
 
 MEAN_TICKS = 5  # ours: of the error, against chatter of differences
+PASSES = 3  # ours: the second halves what the first leaves
 MOST_M = 0.12  # ours: limit of the error
 
 
@@ -62,27 +63,29 @@ class DynamicsFilter:
         capture = com + np.concatenate([step.com_velocity for step in steps]) / self._omega
         yaw = np.concatenate([step.body[:, 2] for step in steps])
         left, right = (np.concatenate([sole(step, side) for step in steps]) for side in (1, -1))
-        pelvis, found = self._tree.follow(com, left, right, yaw, angles)
         point_mass = capture - np.gradient(capture, self._tick_s, axis=0) / self._omega
-        error = self._tree.zero_moment_points(pelvis, found, self._tick_s) - point_mass
-        moved, capture = self._correction(_mean(error), steps[0])
+        error, moved = np.zeros_like(com), np.zeros_like(com)
+        for _ in range(PASSES):
+            pelvis, found = self._tree.follow(com + moved, left, right, yaw, angles)
+            zmp = self._tree.zero_moment_points(pelvis, found, self._tick_s)
+            error += np.clip(_mean(zmp - point_mass), -MOST_M, MOST_M)
+            moved, capture = self._correction(error, steps[0])
         n = steps[0].ticks
-        com, velocity = com[:n] + moved, steps[0].com_velocity + self._omega * (capture[1:] - moved)
+        self._com, self._capture = moved[n - 1], capture[n]
+        velocity = steps[0].com_velocity + self._omega * (capture[1 : n + 1] - moved[:n])
+        com = com[:n] + moved[:n]
         pelvis, found = self._tree.follow(com, left[:n], right[:n], yaw[:n], angles)
         return Plan(com, velocity, pelvis, found, left[:n], right[:n])
 
     def _correction(
         self, error: Float[np.ndarray, "m 2"], step: Step
-    ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "k 2"]]:
-        """By how much the centre of mass differs over the step, and its capture point at the edges of the ticks."""
+    ) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "k 2"]]:
+        """By how much the centre of mass differs tick by tick, and its capture point at the edges of the ticks."""
         capture = np.empty((len(error) + 1, 2))
-        shifted(np.clip(error, -MOST_M, MOST_M), self._omega, self._tick_s, capture)
-        capture = capture[: step.ticks + 1]
+        shifted(error, self._omega, self._tick_s, capture)
         fade = 1.0 - smooth(np.arange(len(capture)) / step.double_support_ticks)
         capture = capture + fade[:, None] * (self._capture - capture[0])
-        moved = behind(capture, self._com, self._omega, self._tick_s)
-        self._com, self._capture = moved[-1], capture[-1]
-        return moved, capture
+        return behind(capture, self._com, self._omega, self._tick_s), capture
 
 
 def sole(step: Step, side: int) -> Float[np.ndarray, "n 4"]:

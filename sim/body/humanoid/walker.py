@@ -44,6 +44,7 @@ from .tree import footprint, tree_of
 REPEATS = 2  # ours: of a step, that the dynamics filter looks ahead
 GAZE_S = 0.1  # ours: lag of the gaze joints; a waist that starts at once pushes the body
 LOWER_MPS, LOWER_M, FORGET_S = 0.06, 0.02, 1.0  # ours: of a foot that has not landed
+LOAD_MEMORY = 0.6  # ours: share of the last forces kept in each tick
 NARROWEST_M = 0.1  # ours: stance relative to which a capture point is off, at least
 
 
@@ -109,6 +110,7 @@ class HumanoidBody:
         self._ankles = AnkleFeedback(tick_s, walk.ankle_gain, walk.ankle_rate_s)
         self._gaze = self._angles[self._gaze_joints].copy()
         self._encoders = head.read(self._angles)
+        self._loads = np.zeros(2)
         self._last = self._angles.copy()
         self._command: WalkCommand | None = None
         self._forward_m = 0.0
@@ -271,7 +273,8 @@ class HumanoidBody:
         """Plan, balance, servos, physics, sensors."""
         step, tick, plan = self._step, self._tick, self._plan
         tilt, rate = self._sensor.attitude.tilt, self._sensor.rate[:2]
-        loads = np.array([self.physics.sole_force(name) for name in self._feet])
+        pressed = np.array([self.physics.sole_force(name) for name in self._feet])
+        loads = self._loads = LOAD_MEMORY * self._loads + (1.0 - LOAD_MEMORY) * pressed
         side = self._landing.side_to_check(step, tick)
         load_n = float(loads[0 if side > 0 else 1]) if side else 0.0
         self._landing.update(step, tick, load_n)
