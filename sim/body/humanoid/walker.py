@@ -42,7 +42,7 @@ from .model import ankles, link_name, machine
 from .tree import footprint, tree_of
 
 REPEATS = 2  # ours: of a step, that the dynamics filter looks ahead
-GAZE_S = 0.1  # ours: lag of the gaze joints; a waist that starts at once pushes the body
+GAZE_S = 0.15  # ours: half the lag of the gaze joints; a waist that starts at once pushes the body
 LOWER_MPS, LOWER_M, FORGET_S = 0.06, 0.02, 1.0  # ours: of a foot that has not landed
 LOAD_MEMORY = 0.6  # ours: share of the last forces kept in each tick
 NARROWEST_M = 0.1  # ours: stance relative to which a capture point is off, at least
@@ -109,6 +109,7 @@ class HumanoidBody:
         self._ankle_joints = ankles(tree)
         self._ankles = AnkleFeedback(tick_s, walk.ankle_gain, walk.ankle_rate_s)
         self._gaze = self._angles[self._gaze_joints].copy()
+        self._gaze_rate = np.zeros(2)
         self._encoders = head.read(self._angles)
         self._loads = np.zeros(2)
         self._last = self._angles.copy()
@@ -288,8 +289,7 @@ class HumanoidBody:
         left[2] += heights[0]
         right[2] += heights[1]
         self._head.advance(self._tick_s)
-        goal = self._head.setpoints[self._gaze_joints]
-        self._gaze += (1.0 - math.exp(-self._tick_s / GAZE_S)) * (goal - self._gaze)
+        self._turn_gaze()
         angles = plan.angles[tick].copy()
         angles[self._gaze_joints] = self._gaze
         pelvis = self.tree.pelvis_over(plan.com[tick], plan.pelvis[tick, 3], angles)
@@ -301,6 +301,13 @@ class HumanoidBody:
         self._drive(angles)
         self.physics.step()
         self._follow(tick)
+
+    def _turn_gaze(self) -> None:
+        """Move the gaze joints towards their setpoints, without jerks, which would push the body."""
+        off = self._head.setpoints[self._gaze_joints] - self._gaze
+        pull = off / GAZE_S**2 - 2.0 * self._gaze_rate / GAZE_S
+        self._gaze_rate += self._tick_s * pull
+        self._gaze += self._tick_s * self._gaze_rate
 
     def _correct_ankles(
         self,
