@@ -33,7 +33,7 @@ KEYS: dict[str, tuple[str, ...]] = {
     "steps": ("cruise_mps", "max_mps", "back_mps", "side_mps", "turn_deg", "up_m", "down_m", "reach_m"),
     "camera": ("frame", "axis", "at_m", "eye_m"),
     "gaze": ("pan", "tilt", "pan_deg", "tilt_deg", "speed_radps"),
-    "dynamic": ("contact_x_m", "contact_y_m", "inward_m", "start_s", "slew_m", "ankle_gain", "ankle_rate_s",
+    "dynamic": ("contact_x_m", "contact_y_m", "inward_m", "start_s", "step_m", "slew_m", "ankle_gain", "ankle_rate_s",
                 "shift_mps", "shift_forget_s", "touch_share", "hold_m", "wait_s"),
     "odometry": ("slip_m", "slip_sigma_m", "lateral_slip_m", "lateral_slip_sigma_m", "drift_sigma_deg", "step_x_sigma_m",
                  "step_y_sigma_m", "step_yaw_sigma_deg", "still_sigma_m", "still_sigma_deg"),
@@ -156,6 +156,7 @@ def _dynamic(file: TableReader, table: dict[str, Any], odometry: dict[str, Any])
             for key, least, most in (
                 ("inward_m", -0.1, 0.1),
                 ("start_s", 0.1, 5.0),
+                ("step_m", 0.01, 1.0),
                 ("slew_m", 0.001, 1.0),
                 ("ankle_gain", 0.0, 2.0),
                 ("ankle_rate_s", 0.0, 1.0),

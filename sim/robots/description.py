@@ -89,6 +89,7 @@ class Dynamic:
             left; mirrored for the right one.
         inward_m: By how much the planned ZMP is further inside than the point that a footstep places.
         start_s: Double support of the first step.
+        step_m: Longest step ahead.
         slew_m: By how much forward motion may change from one step to the next.
         ankle_gain: Share of the tilt that the ankles of standing feet undo.
         ankle_rate_s: The same of its rate.
@@ -104,6 +105,7 @@ class Dynamic:
     contact_y_m: tuple[float, float]
     inward_m: float
     start_s: float
+    step_m: float
     slew_m: float
     ankle_gain: float
     ankle_rate_s: float

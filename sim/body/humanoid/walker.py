@@ -257,8 +257,9 @@ class HumanoidBody:
     def _begin_step(self) -> None:
         self._walking = self._tick > 0 and self._step.stepping
         wanted, self._command = self._command or WalkCommand(), None
-        slew_m = self._walk.slew_m
-        forward_m = self._forward_m + min(max(wanted.forward_m - self._forward_m, -slew_m), slew_m)
+        slew_m, before_m = self._walk.slew_m, self._forward_m
+        ahead_m = min(wanted.forward_m, self._walk.step_m)
+        forward_m = before_m + min(max(ahead_m - before_m, -slew_m), slew_m)
         command = replace(wanted, forward_m=0.0 if wanted.stay else forward_m, rise_m=0.0)
         self._step: Step = self._gait.step(command)
         self._forward_m = forward_m if self._step.stepping else 0.0

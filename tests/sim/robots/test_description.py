@@ -105,8 +105,8 @@ def test_an_unknown_robot_a_missing_package_and_a_dynamic_body_say_what_to_do(mo
         ConfigError, match=r"model='taloss' is unknown; did you mean 'talos'\? choose surefoot"
     ):
         catalogue.load("taloss")
-    with pytest.raises(ConfigError, match="has no dynamic body; set body='kinematic'"):
-        RobotConfig(model="g1", body="dynamic")
+    with pytest.raises(ConfigError, match=r"has no dynamic body: no table \[dynamic\] in .*little"):
+        RobotConfig(model=str(LITTLE / "little.toml"), body="dynamic")
 
     def absent(name):
         raise metadata.PackageNotFoundError(name)
