@@ -61,6 +61,12 @@ class JointedHead:
         """Angles of the gaze joints commanded to their motors now, rad; zero for the legs."""
         return self._angles
 
+    def ahead(self, seconds: float, count: int) -> Float[np.ndarray, "k 2"]:
+        """Setpoints of the gaze joints in that many intervals from now, unless the gaze is changed."""
+        start, aim = self._angles[list(self.robot.gaze)], np.array(self._aim)
+        step = self.config.speed_radps * seconds * np.arange(1, count + 1)[:, None]
+        return start + np.clip(aim - start, -step, step)
+
     def set_motors(self, angles: Float[np.ndarray, "n"]) -> None:
         """Set where the motors of the gaze are; called by a body with dynamics."""
         chosen = list(self.robot.gaze)

@@ -61,8 +61,8 @@ def masses(model: Merged) -> tuple[Mass, ...]:
         )
     centre = moment / kg[:, None]
     return tuple(
-        Mass(float(m), c, _possible(I - m * _away(c), float(m)))
-        for m, c, I in zip(kg, centre, about, strict=True)
+        Mass(float(m), c, _possible(tensor - m * _away(c), float(m)))
+        for m, c, tensor in zip(kg, centre, about, strict=True)
     )
 
 

@@ -107,9 +107,7 @@ def numbers(
     return values
 
 
-def numbers_of(
-    parent: ET.Element, tag: str, names: tuple[str, ...], path: Path
-) -> list[float]:
+def numbers_of(parent: ET.Element, tag: str, names: tuple[str, ...], path: Path) -> list[float]:
     """A number from each of these attributes of a child that must be there."""
     child = parent.find(tag)
     if child is None:

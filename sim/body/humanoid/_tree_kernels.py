@@ -12,7 +12,6 @@ import numpy as np
 
 from perception.primitives.compiled import njit
 
-
 DAMPING = 1e-8  # ours: keeps a stretched leg solvable
 EXACT = 1e-7  # ours: of the error of a sole, m and rad
 STEPS = 12  # ours: two or three are enough from the tick before
@@ -112,7 +111,7 @@ def leg_inverse(
     tree: tuple, legs: tuple, side: int, pelvis: np.ndarray, sole: np.ndarray, angles: np.ndarray
 ) -> None:
     """Angles, in place, that put the sole of one leg (0 left, 1 right) where it is wanted, from angles nearby."""
-    parent, rotation, place, axis = tree
+    _, rotation, place, axis = tree
     chain, tool_rotation, tool_place, limits = legs
     yaw = sole[3] - pelvis[3]
     goal_R = np.zeros((3, 3))
@@ -212,15 +211,19 @@ def follow(
     right: np.ndarray,
     yaw: np.ndarray,
     height: float,
+    gaze: np.ndarray,
+    turned: np.ndarray,
     angles: np.ndarray,
     pelvis: np.ndarray,
     found: np.ndarray,
 ) -> None:
     """Pelvis (n, 4) and angles (n, joints) such that the centre of mass follows com (n, 2) over soles (n, 4).
 
-    Angles (joints,) hold the solution before the first tick, and afterwards that of the last one.
+    The joints gaze (2,) are at turned (n, 2). Angles (joints,) hold the solution before the first tick, and afterwards that of the last one.
     """
     for k in range(len(com)):
+        for i in range(len(gaze)):
+            angles[gaze[i]] = turned[k, i]
         for _ in range(ROUNDS):
             pelvis_over(tree, bodies, com[k], height, yaw[k], angles, pelvis[k])
             leg_inverse(tree, legs, 0, pelvis[k], left[k], angles)
@@ -296,7 +299,11 @@ def moments(
 
 @njit(cache=True)
 def zero_moment_points(
-    com: np.ndarray, momentum: np.ndarray, spin: np.ndarray, weight_n: float, tick_s: float,
+    com: np.ndarray,
+    momentum: np.ndarray,
+    spin: np.ndarray,
+    weight_n: float,
+    tick_s: float,
     zmp: np.ndarray,
 ) -> None:
     """ZMP (n, 2) on the plane z = 0 of a motion, see `moments`; the first and the last tick repeat their neighbours."""
@@ -309,9 +316,7 @@ def zero_moment_points(
 
 
 @njit(cache=True)
-def shifted(
-    error: np.ndarray, omega: float, tick_s: float, capture: np.ndarray
-) -> None:
+def shifted(error: np.ndarray, omega: float, tick_s: float, capture: np.ndarray) -> None:
     """Capture points (n + 1, 2) of a pendulum whose ZMP is moved by -error (n, 2), backwards from rest at the end."""
     n = len(error)
     decay = math.exp(-omega * tick_s)
@@ -319,5 +324,3 @@ def shifted(
     for k in range(n - 1, -1, -1):
         for i in range(2):
             capture[k, i] = -error[k, i] + (capture[k + 1, i] + error[k, i]) * decay
-
-

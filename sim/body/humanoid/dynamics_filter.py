@@ -52,11 +52,17 @@ class DynamicsFilter:
         self._com = np.zeros(2)
         self._capture = np.zeros(2)
 
-    def plan(self, steps: Sequence[Step], angles: Float[np.ndarray, "joints"]) -> Plan:
+    def plan(
+        self,
+        steps: Sequence[Step],
+        gaze: Float[np.ndarray, "m 2"],
+        angles: Float[np.ndarray, "joints"],
+    ) -> Plan:
         """The first of these steps, as the whole body has to make it.
 
         Args:
             steps: The step, and its repeats.
+            gaze: Angles of the gaze joints over all of them, rad.
             angles: Of all joints at the tick before.
         """
         com = np.concatenate([step.com for step in steps])
@@ -66,7 +72,7 @@ class DynamicsFilter:
         point_mass = capture - np.gradient(capture, self._tick_s, axis=0) / self._omega
         error, moved = np.zeros_like(com), np.zeros_like(com)
         for _ in range(PASSES):
-            pelvis, found = self._tree.follow(com + moved, left, right, yaw, angles)
+            pelvis, found = self._tree.follow(com + moved, left, right, yaw, gaze, angles)
             zmp = self._tree.zero_moment_points(pelvis, found, self._tick_s)
             error += np.clip(_mean(zmp - point_mass), -MOST_M, MOST_M)
             moved, capture = self._correction(error, steps[0])
@@ -74,7 +80,7 @@ class DynamicsFilter:
         self._com, self._capture = moved[n - 1], capture[n]
         velocity = steps[0].com_velocity + self._omega * (capture[1 : n + 1] - moved[:n])
         com = com[:n] + moved[:n]
-        pelvis, found = self._tree.follow(com, left[:n], right[:n], yaw[:n], angles)
+        pelvis, found = self._tree.follow(com, left[:n], right[:n], yaw[:n], gaze[:n], angles)
         return Plan(com, velocity, pelvis, found, left[:n], right[:n])
 
     def _correction(

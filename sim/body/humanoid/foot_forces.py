@@ -50,7 +50,9 @@ class FootForces:
         """
         self.heights *= self._fade
         total = float(loads.sum())
-        if (step.stepping and tick >= step.double_support_ticks) or total < BEARING * self._weight_n:
+        if (
+            step.stepping and tick >= step.double_support_ticks
+        ) or total < BEARING * self._weight_n:
             return
         shifted = min(tick / step.double_support_ticks, 1.0)
         planned = self._before + shifted * (self._after - self._before)

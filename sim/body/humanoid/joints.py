@@ -18,9 +18,7 @@ class EngineJoints:
         self._body = body
         self._robot = body.tree.robot
         # from the pelvis, which is turned so that x is ahead, to the root of the URDF
-        self._T_pelvis_base = Pose3.from_rotation(
-            self._robot.T_trunk_base.rotation, np.zeros(3)
-        )
+        self._T_pelvis_base = Pose3.from_rotation(self._robot.T_trunk_base.rotation, np.zeros(3))
 
     def reading(self) -> JointReading:
         """All angles by the encoders at this instant."""

@@ -63,7 +63,9 @@ def machine(tree: Tree, dynamic_sole: tuple[Sequence[float], Sequence[float]]) -
             "</joint>",
         ]
     text = "\n".join([*lines, "</robot>"])
-    return Machine(text, tree.masses[0].centre, principal[0][1], torques(tree, dynamic_sole[1]), SPIN_M)
+    return Machine(
+        text, tree.masses[0].centre, principal[0][1], torques(tree, dynamic_sole[1]), SPIN_M
+    )
 
 
 def torques(tree: Tree, across: Sequence[float]) -> dict[str, float]:

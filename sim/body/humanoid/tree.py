@@ -29,10 +29,14 @@ class Tree:
         model = urdf.read(description.urdf_path(), description.moving, dict(description.posture))
         turn = robot.T_trunk_base.rotation
         self.names = tuple(joint.name for joint in joints)
-        self.masses = tuple(_turned(mass, turn) if k == 0 else mass for k, mass in enumerate(masses(model)))
+        self.masses = tuple(
+            _turned(mass, turn) if k == 0 else mass for k, mass in enumerate(masses(model))
+        )
         self.efforts = efforts(model)
         self.hip_m = robot.T_trunk_base.translation[2]
-        origins = [turn @ j.origin.matrix[:3] if j.parent == 0 else j.origin.matrix[:3] for j in joints]
+        origins = [
+            turn @ j.origin.matrix[:3] if j.parent == 0 else j.origin.matrix[:3] for j in joints
+        ]
         self.parents = np.array([joint.parent for joint in joints])
         self.origins = np.stack(origins)
         self.axes = np.array([joint.axis for joint in joints])
@@ -47,6 +51,7 @@ class Tree:
             np.array([mass.centre for mass in self.masses]),
             np.array([mass.inertia for mass in self.masses]),
         )
+        self._gaze = np.array(robot.gaze)
         x, y, z = description.legs.sole_m
         tools = []
         for foot, level, side in zip(robot.feet, robot.level, (1.0, -1.0), strict=True):
@@ -97,6 +102,7 @@ class Tree:
         left: Float[np.ndarray, "n 4"],
         right: Float[np.ndarray, "n 4"],
         yaw: Float[np.ndarray, "n"],
+        gaze: Float[np.ndarray, "n 2"],
         angles: Float[np.ndarray, "joints"],
     ) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n joints"]]:
         """Pelvis (x, y, z, yaw) and angles for which the centre of mass is there, over level soles.
@@ -105,12 +111,13 @@ class Tree:
             com: Centre of mass on the floor, m.
             left, right: Soles, x, y, z and yaw.
             yaw: Of the pelvis, rad.
-            angles: At the tick before; those of the gaze stay.
+            gaze: Angles of the gaze joints, rad.
+            angles: At the tick before.
         """
         pelvis, found = np.empty((len(com), 4)), np.empty((len(com), len(angles)))
         kernels.follow(
-            self._tree, self._bodies, self._legs, com, left, right, yaw, self.hip_m, angles.copy(),
-            pelvis, found,
+            self._tree, self._bodies, self._legs, com, left, right, yaw, self.hip_m, self._gaze, gaze,
+            angles.copy(), pelvis, found,
         )  # fmt: skip
         return pelvis, found
 
@@ -151,11 +158,11 @@ class Tree:
             apart_m: Between the soles.
             gaze: Angles of the gaze joints; others are ignored.
         """
-        angles = self.robot.bent
-        chosen = list(self.robot.gaze)
-        angles[chosen] = gaze[chosen]
+        turned = np.tile(gaze[self._gaze], (20, 1))
         left, right = (np.tile([0.0, side * apart_m / 2, 0.0, 0.0], (20, 1)) for side in (1, -1))
-        _, found = self.follow(np.zeros((20, 2)), left, right, np.zeros(20), angles)
+        _, found = self.follow(
+            np.zeros((20, 2)), left, right, np.zeros(20), turned, self.robot.bent
+        )
         return np.asarray(found[-1])
 
 

@@ -40,9 +40,9 @@ from .dynamics_filter import DynamicsFilter, Plan
 from .foot_forces import FootForces
 from .model import ankles, link_name, machine
 from .tree import footprint, tree_of
+from .waist import Waist
 
 REPEATS = 2  # ours: of a step, that the dynamics filter looks ahead
-GAZE_S = 0.15  # ours: half the lag of the gaze joints; a waist that starts at once pushes the body
 LOWER_MPS, LOWER_M, FORGET_S = 0.06, 0.02, 1.0  # ours: of a foot that has not landed
 LOAD_MEMORY = 0.6  # ours: share of the last forces kept in each tick
 NARROWEST_M = 0.1  # ours: stance relative to which a capture point is off, at least
@@ -108,8 +108,7 @@ class HumanoidBody:
         self._forces = FootForces(walk.shift_mps, walk.shift_forget_s, tree.weight_n, tick_s)
         self._ankle_joints = ankles(tree)
         self._ankles = AnkleFeedback(tick_s, walk.ankle_gain, walk.ankle_rate_s)
-        self._gaze = self._angles[self._gaze_joints].copy()
-        self._gaze_rate = np.zeros(2)
+        self._gaze = Waist(self._angles[self._gaze_joints], tick_s)
         self._encoders = head.read(self._angles)
         self._loads = np.zeros(2)
         self._last = self._angles.copy()
@@ -265,7 +264,9 @@ class HumanoidBody:
         self._forward_m = forward_m if self._step.stepping else 0.0
         ahead = copy.copy(self._gait)
         repeats = [ahead.step(command) for _ in range(REPEATS)]
-        self._plan: Plan = self._filter.plan([self._step, *repeats], self._angles)
+        steps = [self._step, *repeats]
+        gaze = self._gaze.ahead(self._head, sum(step.ticks for step in steps))
+        self._plan: Plan = self._filter.plan(steps, gaze, self._angles)
         self._angles = self._plan.angles[-1].copy()
         self._sensor.begin_step(self._plan.velocity, self._step.body[:, 2])
         self._forces.begin_step(self._step)
@@ -290,25 +291,17 @@ class HumanoidBody:
         left[2] += heights[0]
         right[2] += heights[1]
         self._head.advance(self._tick_s)
-        self._turn_gaze()
+        turned = self._gaze.advance(self._head.setpoints[self._gaze_joints])
         angles = plan.angles[tick].copy()
-        angles[self._gaze_joints] = self._gaze
+        angles[self._gaze_joints] = turned
         pelvis = self.tree.pelvis_over(plan.com[tick], plan.pelvis[tick, 3], angles)
         self.tree.reach(pelvis, left, right, angles)
-        self._angles[self._gaze_joints] = self._gaze
         self._correct_ankles(angles, tilt, rate)
         self._tick += 0 if wait else 1
         self._ticks += 1
         self._drive(angles)
         self.physics.step()
         self._follow(tick)
-
-    def _turn_gaze(self) -> None:
-        """Move the gaze joints towards their setpoints, without jerks, which would push the body."""
-        off = self._head.setpoints[self._gaze_joints] - self._gaze
-        pull = off / GAZE_S**2 - 2.0 * self._gaze_rate / GAZE_S
-        self._gaze_rate += self._tick_s * pull
-        self._gaze += self._tick_s * self._gaze_rate
 
     def _correct_ankles(
         self,

@@ -68,7 +68,10 @@ def open_loop(names: list[str], seeds: int, say: Say) -> tuple[dict[str, float],
     """Falls of every robot in open-loop missions over each kind of floor: figures, and lines of a table."""
     todo = [(name, bump, seed) for name in names for bump in BUMPS_M for seed in range(seeds)]
     found = run_all(humanoid_walk, todo, say, "missions")
-    figures, lines = {}, ["robot   bumps  missions  falls  x real time  step error mm ahead, aside, deg"]
+    figures, lines = (
+        {},
+        ["robot   bumps  missions  falls  x real time  step error mm ahead, aside, deg"],
+    )
     for name in names:
         for bump in BUMPS_M:
             walks = [

@@ -151,7 +151,7 @@ def test_true_links_are_those_of_the_engine_and_the_encoders_err_by_their_offset
 
 def test_same_seed_same_bits(blind):
     def digest():
-        poses, told, frames, _ = walked(blind, commands(blind, 0.3, 0.0), seed=7)
+        poses, told, frames, _ = walked(blind, commands(blind, 0.12, 0.0), seed=7)
         parts = [p.vector for p in (*poses, *told)] + [f.imu.angular_velocity for f in frames]
         return hashlib.sha256(np.concatenate(parts).tobytes()).hexdigest()
 
