@@ -68,17 +68,18 @@ class SimulatedRobot:
             self._head = JointedHead(jointed(found), config.head, head)
         else:
             self._head = Head(config.head, head)
-        if config.body == "dynamic" and isinstance(self._head, Head):
-            self.body = DynamicBody(
-                world, config.gait, config.dynamic, config.imu, self._head, body, self.ground
-            )
-        elif config.body == "dynamic":
+        if config.body == "dynamic" and isinstance(self._head, JointedHead):
             if self.ground is not None:
                 raise ConfigError(
                     f"robot: the dynamic body of model={config.model!r} walks on one level only; set body='kinematic'"
                 )
             self.body = HumanoidBody(
                 world, config.gait, config.dynamic, config.imu, self._head, body
+            )
+        elif config.body == "dynamic":
+            assert isinstance(self._head, Head)
+            self.body = DynamicBody(
+                world, config.gait, config.dynamic, config.imu, self._head, body, self.ground
             )
         else:
             inertial = InertialSensor(config.imu, imu)

@@ -148,27 +148,23 @@ def _dynamic(file: TableReader, table: dict[str, Any], odometry: dict[str, Any])
         value = file.number(odometry, key, None, -90.0, 90.0)
         angle = key.endswith("_deg")
         noise.append((f"{key[:-4]}_rad", math.radians(value)) if angle else (key, value))
-    return Dynamic(
-        span("contact_x_m"),
-        span("contact_y_m"),
-        *(
-            file.number(table, key, None, least, most)
-            for key, least, most in (
-                ("inward_m", -0.1, 0.1),
-                ("start_s", 0.1, 5.0),
-                ("step_m", 0.01, 1.0),
-                ("slew_m", 0.001, 1.0),
-                ("ankle_gain", 0.0, 2.0),
-                ("ankle_rate_s", 0.0, 1.0),
-                ("shift_mps", 0.0, 2.0),
-                ("shift_forget_s", 0.01, 100.0),
-                ("touch_share", 0.001, 0.5),
-                ("hold_m", 0.0, 0.2),
-                ("wait_s", 0.0, 2.0),
-            )
-        ),
-        tuple(noise),
-    )
+    numbers = {
+        key: file.number(table, key, None, least, most)
+        for key, least, most in (
+            ("inward_m", -0.1, 0.1),
+            ("start_s", 0.1, 5.0),
+            ("step_m", 0.01, 1.0),
+            ("slew_m", 0.001, 1.0),
+            ("ankle_gain", 0.0, 2.0),
+            ("ankle_rate_s", 0.0, 1.0),
+            ("shift_mps", 0.0, 2.0),
+            ("shift_forget_s", 0.01, 100.0),
+            ("touch_share", 0.001, 0.5),
+            ("hold_m", 0.0, 0.2),
+            ("wait_s", 0.0, 2.0),
+        )
+    }
+    return Dynamic(span("contact_x_m"), span("contact_y_m"), odometry=tuple(noise), **numbers)
 
 
 def _legs(file: TableReader, table: dict[str, Any]) -> Legs:

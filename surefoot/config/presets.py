@@ -51,7 +51,8 @@ def needs(robot: RobotConfig) -> dict[str, Any]:
     if robot.body == "dynamic":
         noise = WALKED_LOCALISER
         if described is not None and described.dynamic is not None:
-            noise = dataclasses.replace(noise, **dict(described.dynamic.odometry))
+            odometry: dict[str, Any] = dict(described.dynamic.odometry)
+            noise = dataclasses.replace(noise, **odometry)
         found["localiser"] = _differing(noise, LocaliserConfig())
     height_m = model_of(robot, GaitLimits()).height_m
     if height_m != ClassConfig().robot_height_m:

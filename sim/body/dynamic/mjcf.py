@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ...shapes import Box, Cylinder, Shape, Solid
 from ..pendulum import GRAVITY_MPS2
-from .anatomy import Link, links
+from .anatomy import Anatomy, Link, links
 from .physics import FRICTION, SPIN_M, Stage, convex
 from .urdf import REACH_RAD, box_inertia
 
@@ -33,6 +33,7 @@ def mjcf(stage: Stage, step_s: float) -> str:
         stage: Robot, floor and objects.
         step_s: Time step of the integration.
     """
+    assert isinstance(stage.body, Anatomy)
     found = links(stage.body)
     torque = stage.body.servo_nm
     gravity = -GRAVITY_MPS2 * np.array(stage.up)

@@ -7,10 +7,13 @@ and soles are (x, y, z, yaw), m and rad, soles level.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
 from perception.primitives.compiled import njit
+
+Arrays = tuple[Any, ...]
 
 DAMPING = 1e-8  # ours: keeps a stretched leg solvable
 EXACT = 1e-7  # ours: of the error of a sole, m and rad
@@ -46,7 +49,7 @@ def apply(R: np.ndarray, p: np.ndarray, v: np.ndarray, out: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def forward(tree: tuple, angles: np.ndarray, R: np.ndarray, p: np.ndarray) -> None:
+def forward(tree: Arrays, angles: np.ndarray, R: np.ndarray, p: np.ndarray) -> None:
     """Rotations (m, 3, 3) and places (m, 3) of all links; those of link 0 are given."""
     parent, rotation, place, axis = tree
     own, at = np.empty((3, 3)), np.empty((3, 3))
@@ -59,7 +62,7 @@ def forward(tree: tuple, angles: np.ndarray, R: np.ndarray, p: np.ndarray) -> No
 
 
 @njit(cache=True)
-def centre_of_mass(tree: tuple, bodies: tuple, angles: np.ndarray, com: np.ndarray) -> None:
+def centre_of_mass(tree: Arrays, bodies: Arrays, angles: np.ndarray, com: np.ndarray) -> None:
     """Centre of mass (3,) in the frame of link 0."""
     mass, centre, _ = bodies
     R, p, c = np.zeros((len(mass), 3, 3)), np.zeros((len(mass), 3)), np.empty(3)
@@ -108,7 +111,7 @@ def cholesky_solve(A: np.ndarray, b: np.ndarray) -> None:
 
 @njit(cache=True)
 def leg_inverse(
-    tree: tuple, legs: tuple, side: int, pelvis: np.ndarray, sole: np.ndarray, angles: np.ndarray
+    tree: Arrays, legs: Arrays, side: int, pelvis: np.ndarray, sole: np.ndarray, angles: np.ndarray
 ) -> None:
     """Angles, in place, that put the sole of one leg (0 left, 1 right) where it is wanted, from angles nearby."""
     _, rotation, place, axis = tree
@@ -184,8 +187,8 @@ def leg_inverse(
 
 @njit(cache=True)
 def pelvis_over(
-    tree: tuple,
-    bodies: tuple,
+    tree: Arrays,
+    bodies: Arrays,
     com: np.ndarray,
     height: float,
     yaw: float,
@@ -203,9 +206,9 @@ def pelvis_over(
 
 @njit(cache=True)
 def follow(
-    tree: tuple,
-    bodies: tuple,
-    legs: tuple,
+    tree: Arrays,
+    bodies: Arrays,
+    legs: Arrays,
     com: np.ndarray,
     left: np.ndarray,
     right: np.ndarray,
@@ -233,8 +236,8 @@ def follow(
 
 @njit(cache=True)
 def moments(
-    tree: tuple,
-    bodies: tuple,
+    tree: Arrays,
+    bodies: Arrays,
     pelvis: np.ndarray,
     angles: np.ndarray,
     tick_s: float,

@@ -31,12 +31,10 @@ def machine(tree: Tree, dynamic_sole: tuple[Sequence[float], Sequence[float]]) -
         dynamic_sole: Corners of the left sole along x and y, see `Dynamic`.
     """
     description = tree.robot.description
-    principal = [np.linalg.eigh(mass.inertia) for mass in tree.masses]
+    principal = [_principal(mass.inertia) for mass in tree.masses]
     lines = ['<?xml version="1.0"?>', '<robot name="walker">']
     feet = {int(chain[-1]) + 1: side for chain, side in zip(tree.chains, (0, 1), strict=True)}
     for link, (mass, (values, axes)) in enumerate(zip(tree.masses, principal, strict=True)):
-        axes = _right_handed(axes)
-        principal[link] = (values, axes)
         xx, yy, zz = values.tolist()
         lines += [
             f'<link name="{link_name(tree, link)}">',
@@ -132,8 +130,12 @@ def _trunk(robot: Description, hip_m: float) -> list[str]:
     ]
 
 
-def _right_handed(axes: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
-    return axes if np.linalg.det(axes) > 0.0 else axes * np.array([1.0, 1.0, -1.0])
+def _principal(
+    inertia: Float[np.ndarray, "3 3"],
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
+    """Principal inertias and a right-handed frame of their axes."""
+    values, axes = np.linalg.eigh(inertia)
+    return values, axes if np.linalg.det(axes) > 0.0 else axes * np.array([1.0, 1.0, -1.0])
 
 
 def _origin(place: Float[np.ndarray, "3"], rotation: Float[np.ndarray, "3 3"]) -> str:
