@@ -1,8 +1,8 @@
 """A body with dynamics for robots that are described by a URDF.
 
 Read in this order: `tree` (the moving links with their masses, inverse kinematics), `dynamics_filter` (the centre of
-mass moved until the whole body's ZMP is the planned one), `foot_forces` (the weight shared as planned), `model` (what the
-engine loads), `walker` (the body).
+mass moved until the whole body's ZMP is the planned one), `foot_forces` (the weight shared as planned), `waist` (gaze
+joints that the walk knows before), `model` (what the engine loads), `walker` (the body), `joints` (angles for cameras).
 
 The footsteps come from `sim.body.gait`, attitude, ankles and landing from `sim.body.dynamic.balance`, as for our own robot.
 

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..gait import Step, behind, smooth
-from ._tree_kernels import shifted
+from ._momentum_kernels import shifted
 from .tree import Tree
 
 MEAN_TICKS = 5  # ours: of the error, against chatter of differences

@@ -21,56 +21,69 @@ from .tree import Tree
 BALL_M = 0.005  # radius of the balls on which a sole stands, as in the URDF of the G1
 SPIN_M = 0.03  # ours: a sole touches by a patch of that size
 BASE = "pelvis"
+Corners = tuple[tuple[float, float], tuple[float, float]]
 
 
-def machine(tree: Tree, dynamic_sole: tuple[Sequence[float], Sequence[float]]) -> Machine:
+def machine(tree: Tree, corners: Corners) -> Machine:
     """A robot for the engine.
 
     Args:
         tree: Its links and masses.
-        dynamic_sole: Corners of the left sole along x and y, see `Dynamic`.
+        corners: Of the left sole along x and y, see `Dynamic`.
     """
-    description = tree.robot.description
-    principal = [_principal(mass.inertia) for mass in tree.masses]
     lines = ['<?xml version="1.0"?>', '<robot name="walker">']
-    feet = {int(chain[-1]) + 1: side for chain, side in zip(tree.chains, (0, 1), strict=True)}
-    for link, (mass, (values, axes)) in enumerate(zip(tree.masses, principal, strict=True)):
-        xx, yy, zz = values.tolist()
-        lines += [
-            f'<link name="{link_name(tree, link)}">',
-            "<inertial>",
-            _origin(mass.centre, axes),
-            f'<mass value="{mass.kg:.9g}"/>',
-            f'<inertia ixx="{xx:.9g}" ixy="0" ixz="0" iyy="{yy:.9g}" iyz="0" izz="{zz:.9g}"/>',
-            "</inertial>",
-        ]
-        if link == 0:
-            lines += _trunk(description, tree.hip_m)
-        if link in feet:
-            lines += _sole(tree, feet[link], dynamic_sole)
-        lines.append("</link>")
-    for number, joint in enumerate(tree.robot.tree.joints):
-        T = tree.origins[number]
-        lines += [
-            f'<joint name="{joint.name}" type="revolute">',
-            f'<parent link="{link_name(tree, joint.parent)}"/>',
-            f'<child link="{link_name(tree, number + 1)}"/>',
-            _origin(T[:, 3], T[:, :3]),
-            f'<axis xyz="{_text(joint.axis)}"/>',
-            f'<limit lower="{joint.least_rad:.9g}" upper="{joint.most_rad:.9g}" effort="1000" velocity="50"/>',
-            "</joint>",
-        ]
-    text = "\n".join([*lines, "</robot>"])
+    for link in range(len(tree.masses)):
+        lines += _link(tree, link, corners)
+    for number in range(len(tree.names)):
+        lines += _joint(tree, number)
+    base = tree.masses[0]
     return Machine(
-        text, tree.masses[0].centre, principal[0][1], torques(tree, dynamic_sole[1]), SPIN_M
+        "\n".join([*lines, "</robot>"]),
+        base.centre,
+        _principal(base.inertia)[1],
+        torques(tree, corners[1]),
+        SPIN_M,
     )
+
+
+def _link(tree: Tree, link: int, corners: Corners) -> list[str]:
+    mass = tree.masses[link]
+    values, axes = _principal(mass.inertia)
+    xx, yy, zz = values.tolist()
+    lines = [
+        f'<link name="{link_name(tree, link)}">',
+        "<inertial>",
+        _origin(mass.centre, axes),
+        f'<mass value="{mass.kg:.9g}"/>',
+        f'<inertia ixx="{xx:.9g}" ixy="0" ixz="0" iyy="{yy:.9g}" iyz="0" izz="{zz:.9g}"/>',
+        "</inertial>",
+    ]
+    if link == 0:
+        lines += _trunk(tree.robot.description, tree.hip_m)
+    for side, chain in enumerate(tree.chains):
+        if link == chain[-1] + 1:
+            lines += _sole(tree, side, corners)
+    return [*lines, "</link>"]
+
+
+def _joint(tree: Tree, number: int) -> list[str]:
+    joint, T = tree.robot.tree.joints[number], tree.origins[number]
+    return [
+        f'<joint name="{joint.name}" type="revolute">',
+        f'<parent link="{link_name(tree, joint.parent)}"/>',
+        f'<child link="{link_name(tree, number + 1)}"/>',
+        _origin(T[:, 3], T[:, :3]),
+        f'<axis xyz="{_text(joint.axis)}"/>',
+        f'<limit lower="{joint.least_rad:.9g}" upper="{joint.most_rad:.9g}" effort="1000" velocity="50"/>',
+        "</joint>",
+    ]
 
 
 def torques(tree: Tree, across: Sequence[float]) -> dict[str, float]:
     """Torque limits by joint: those of the URDF, but of the ankles' roll what tips a sole, so that it yields before."""
     found = dict(tree.efforts)
     half_m = (across[1] - across[0]) / 2
-    for (_, roll), _ in zip(ankles(tree), tree.chains, strict=True):
+    for _, roll in ankles(tree):
         name = tree.names[roll[0]]
         found[name] = min(found[name], tree.weight_n * half_m)
     return found
@@ -99,7 +112,7 @@ def link_name(tree: Tree, link: int) -> str:
     return tree.names[link - 1] if link else BASE
 
 
-def _sole(tree: Tree, side: int, corners: tuple[Sequence[float], Sequence[float]]) -> list[str]:
+def _sole(tree: Tree, side: int, corners: Corners) -> list[str]:
     """Four balls below the corners of a sole."""
     x0, y0, _ = tree.robot.description.legs.sole_m
     T, sign = tree.tools[side], 1.0 - 2.0 * side

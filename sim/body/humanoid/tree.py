@@ -17,6 +17,7 @@ from ...robots.description import Description
 from ...robots.jointed import JointedRobot, jointed
 from ...robots.masses import Mass, efforts, masses
 from ..pendulum import GRAVITY_MPS2
+from . import _momentum_kernels as momentum_kernels
 from . import _tree_kernels as kernels
 
 
@@ -147,8 +148,10 @@ class Tree:
         n = len(pelvis)
         com, momentum, spin = np.empty((n, 3)), np.empty((n - 1, 3)), np.empty((n - 1, 3))
         zmp = np.empty((n, 2))
-        kernels.moments(self._tree, self._bodies, pelvis, angles, tick_s, com, momentum, spin)
-        kernels.zero_moment_points(com, momentum, spin, self.weight_n, tick_s, zmp)
+        momentum_kernels.moments(
+            self._tree, self._bodies, pelvis, angles, tick_s, com, momentum, spin
+        )
+        momentum_kernels.zero_moment_points(com, momentum, spin, self.weight_n, tick_s, zmp)
         return zmp
 
     def standing(self, apart_m: float, gaze: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
