@@ -129,9 +129,7 @@ class SimulatedRobot:
     def read(self) -> Frame:
         """Advance the world to the next sensor time and return the frame."""
         self.body.start_due_step()
-        first = round(BEFORE_END_S / self.config.gait.tick_s)
-        left = self.body.ticks_left
-        advance = self._advance_to_frame(left - first if left > first else left)
+        advance = self._advance_to_frame(self._ticks_to_frame())
         imu = self.body.measure_imu()
         ends = self.body.ticks_left == 0
         looks = ends or self.config.image_pairs
@@ -181,6 +179,14 @@ class SimulatedRobot:
     def measured_camera(self, mount: tuple[float, float, float]) -> Pose3:
         """Camera in the body frame as the encoders give it."""
         return self.body.trunk_from_encoders() @ self._head.camera_from_encoders(mount)
+
+    def _ticks_to_frame(self) -> int:
+        """To the next sensor time; a long shift of the weight out of standing has a frame of its own."""
+        if isinstance(self.body, HumanoidBody) and self.body.shift_ticks_left > 0:
+            return self.body.shift_ticks_left
+        first = round(BEFORE_END_S / self.config.gait.tick_s)
+        left = self.body.ticks_left
+        return left - first if left > first else left
 
     def _own_body(self, robot: JointedRobot) -> OwnBody:
         """What its cameras may see of it, with the doubt of joints and trunk."""

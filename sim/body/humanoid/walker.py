@@ -138,6 +138,11 @@ class HumanoidBody:
         return self._step.ticks - self._tick
 
     @property
+    def shift_ticks_left(self) -> int:
+        """Ticks by which the double support of a step out of standing is still longer than commanded."""
+        return max(self._step.double_support_ticks - self._double_ticks - self._tick, 0)
+
+    @property
     def ticks(self) -> int:
         return self._ticks
 
@@ -261,6 +266,7 @@ class HumanoidBody:
         forward_m = before_m + min(max(ahead_m - before_m, -slew_m), slew_m)
         command = replace(wanted, forward_m=0.0 if wanted.stay else forward_m, rise_m=0.0)
         self._step: Step = self._gait.step(command)
+        self._double_ticks = round(command.double_support_s / self._tick_s)
         self._forward_m = forward_m if self._step.stepping else 0.0
         ahead = copy.copy(self._gait)
         repeats = [ahead.step(command) for _ in range(REPEATS)]

@@ -110,6 +110,13 @@ def test_the_encoders_tell_how_many_steps_were_made(walk):
     assert made == pytest.approx(round(made), abs=1e-6)
 
 
+def test_a_step_out_of_standing_leaves_no_gap_between_frames(walk):
+    """The clock of a run takes an interval 1.3 times as long as the usual ones for missing frames."""
+    _, _, frames, _ = walk
+    intervals = np.diff([frame.stamp_s for frame in frames])
+    assert intervals.max() < 1.3 * 0.65
+
+
 def test_the_feet_in_the_frame_are_where_they_truly_are(blind):
     """Within the joint offsets: six joints of .3 deg below a leg of a metre."""
     with World(ROOM, "tiny") as world, SimulatedRobot(world, blind, 5) as robot:
