@@ -1,6 +1,6 @@
 """The interface of a simulated body: what the robot's sensors and the truth ask of it.
 
-`kinematic` and `dynamic.walker` implement it. A body owns its inertial sensor and moves the head along.
+`kinematic`, `dynamic.walker` and `humanoid.walker` implement it. A body owns its inertial sensor and moves the head along.
 """
 
 from __future__ import annotations
