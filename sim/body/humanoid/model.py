@@ -18,7 +18,7 @@ from ...robots.description import Description
 from ..dynamic.physics import Machine
 from .tree import Tree
 
-BALL_M = 0.005  # radius of the balls on which a sole stands, as in the URDF of the G1
+BALL_M = 0.005  # ours: radius of the balls on which a sole stands; a box tips on plates
 SPIN_M = 0.03  # ours: a sole touches by a patch of that size
 BASE = "pelvis"
 Corners = tuple[tuple[float, float], tuple[float, float]]

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ..jointed import JointedHead
 
-LAG_S = 0.15  # ours: half the lag behind the setpoints; without any a G1 falls
+LAG_S = 0.15  # ours: half the lag behind the setpoints; without any, a robot whose waist carries half its mass falls
 
 
 class Waist:
