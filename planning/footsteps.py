@@ -40,19 +40,29 @@ def half_a_step_on(robot: Pose2, last: WalkCommand) -> Pose2:
     return robot @ Pose2(last.forward_m / 2, last.lateral_m / 2, last.turn_rad / 2)
 
 
-def footstep(heading_rad: float, speed_mps: float, robot: Pose2, gait: GaitLimits) -> WalkCommand:
+def footstep(
+    heading_rad: float,
+    speed_mps: float,
+    robot: Pose2,
+    gait: GaitLimits,
+    away_m: float = math.inf,
+) -> WalkCommand:
     """The next step towards a heading at a speed.
 
     The robot turns as far as one step allows. The speed falls with the cosine of the remaining heading error;
-    from 90 degrees on the robot turns on the spot.
+    from 90 degrees on the robot turns on the spot. Near a target the steps of a turn are so short that their circle is half as
+    wide as the target is far: else the robot would go round it for ever.
 
     Args:
         heading_rad: Desired direction of walking, world frame.
         speed_mps: Desired speed, negative for backwards; clipped to the limits.
         robot: Present pose, world frame.
         gait: Limits of a step.
+        away_m: Distance to the target, m.
     """
     error = wrap_angle(heading_rad - robot.yaw)
     turn = min(max(error, -gait.max_turn_rad), gait.max_turn_rad)
     slowed = speed_mps * max(0.0, math.cos(error - turn))
+    if turn != error:
+        slowed = min(slowed, away_m / 2.0 * gait.max_turn_rad / gait.step_s)
     return limited_step(gait, slowed, 0.0, turn)

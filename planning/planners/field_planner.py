@@ -121,7 +121,8 @@ class FieldPlanner(GoalSeeker):
             cell_m,
         )
         speed = advice.speed_mps if field.velocity_change else gait.cruise_mps
-        return footsteps.footstep(advice.heading_rad, speed, Pose2(x, y, yaw), gait)
+        away_m = math.hypot(goal[0] - x, goal[1] - y)
+        return footsteps.footstep(advice.heading_rad, speed, Pose2(x, y, yaw), gait, away_m)
 
     def _along(self, here: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"]) -> float:
         """th_tg at a via point without a given heading: of the line from the via point before."""

@@ -175,7 +175,8 @@ class SearchPlanner:
         """The field's step round moving obstacles; the path avoids the static ones."""
         config, gait = self._config.univector, self._robot.gait
         x, y, yaw = (float(v) for v in pose.mean)
-        arrival = self._goals.heading if _same(via, self._goals.present) else None
+        to_goal = _same(via, self._goals.present)
+        arrival = self._goals.heading if to_goal else None
         movers = [o for o in obstacles if o.moving >= MOVING]
         advice = motion.advise(
             pose,
@@ -188,7 +189,8 @@ class SearchPlanner:
             self._config.gaze.map.evaluation,
         )
         speed = advice.speed_mps if config.velocity_change else gait.cruise_mps
-        return footsteps.footstep(advice.heading_rad, speed, Pose2(x, y, yaw), gait)
+        away_m = math.hypot(via[0] - x, via[1] - y) if to_goal else math.inf
+        return footsteps.footstep(advice.heading_rad, speed, Pose2(x, y, yaw), gait, away_m)
 
 
 def _same(via: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"] | None) -> bool:
