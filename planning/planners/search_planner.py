@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, Float32, UInt8
 
 from mapping.grid.egocentric_grid import EgocentricGrid
 from mapping.grid.evidence import OCCUPIED, corner_m
+from mapping.grid.world_map import WorldMap
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2
@@ -99,7 +100,7 @@ class SearchPlanner:
         grid, robot, watch = world.grid, world.pose2, Stopwatch(time.thread_time)
         obstacles = _supposed(world.tracks)
         with watch.stage("route"):
-            probability, unknown, occupied = _as_ground(grid)
+            probability, unknown, occupied = _as_ground(grid, world.world_map)
             ground = probability, unknown, grid.origin, grid.cell_m
             via = self._route.update(*ground, robot, goal, world.world_map)
         with watch.stage("gaze"):
@@ -199,15 +200,21 @@ def _same(via: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"] | None) -> b
 
 
 def _as_ground(
-    grid: EgocentricGrid,
+    grid: EgocentricGrid, world_map: WorldMap | None = None
 ) -> tuple[Float32[np.ndarray, "n n"], Bool[np.ndarray, "n n"], Bool[np.ndarray, "n n"]]:
     """Occupancy and unknown cells for the search, and the cells that no step may touch.
 
+    What stood in cells that the grid has forgotten, unseen for half a minute, stands there until it is seen to be gone.
     Static obstacles extend behind the face that is seen. The search keeps away from all unseen cells beside a face; no
     step may touch those with free ground opposite, which the unseen ground at the feet of the robot has not. Cells of
     moving obstacles are expensive for the search, not blocked: the guard avoids the obstacles themselves.
     """
     probability, known, moving = grid.probability, grid.known, grid.moving
+    if world_map is not None:
+        y, x = (low + grid.cell_m * (np.arange(len(known)) + 0.5) for low in grid.origin[::-1])
+        remembered, stands = world_map.standing(x, y)
+        stood = ~known & stands & (remembered >= OCCUPIED)
+        probability, known = np.where(stood, remembered, probability), known | stood
     occupied = known & (probability >= OCCUPIED)
     standing = (occupied & ~moving).view(np.uint8)
     diamond = _diamond(round(DEPTH_M / grid.cell_m))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mapping.grid.egocentric_grid import EgocentricGrid, GridConfig
+from mapping.grid.world_map import WorldMap
 from perception.estimate import Estimate
 from perception.primitives.gaussian import Gaussian
 from planning.planners.search_planner import SearchPlanner, _as_ground
@@ -63,6 +64,28 @@ def test_no_step_may_touch_unseen_cells_behind_a_face_and_those_before_it_any_ma
     assert not solid[blind & (depth <= 0.0)].any()
     assert solid[middle & ~_near(blind) & (depth > 0.05) & (behind < 0.10)].all()
     assert not solid[behind > 0.25].any()
+
+
+def test_what_the_grid_has_forgotten_stands_there_until_it_is_seen_to_be_gone():
+    """A bin of 0.2 m at (1.0, 0), looked at and then unseen for so long that the grid has forgotten it."""
+
+    def bin_there(xy):
+        return (np.abs(xy - [1.0, 0.0]) < 0.1).all(axis=-1)
+
+    world = WorldMap()
+    y, x = np.meshgrid(np.arange(-0.475, 0.5, 0.05), np.arange(0.525, 1.5, 0.05))
+    xy = np.column_stack([x.ravel(), y.ravel()])
+    points = np.repeat(np.column_stack([xy, np.where(bin_there(xy), 0.3, 0.0)]), 4, axis=0)
+    for k in range(8):
+        world.update(points, points[:, 2] > 0.0, float(k), np.array([0.0, 0.0, 0.4]))
+    forgotten = grid_of(lambda x, y: np.full(x.shape, UNSEEN))
+    solid = _as_ground(forgotten, world)[2]
+    there = bin_there(forgotten.centres())
+    assert solid[there].all()
+    assert not solid[~_near(there)].any()
+    assert not _as_ground(forgotten)[2].any()
+    seen_to_be_gone = grid_of(lambda x, y: np.full(x.shape, FREE))
+    assert not _as_ground(seen_to_be_gone, world)[2].any()
 
 
 def _near(cells):
