@@ -100,6 +100,11 @@ def _tables(path: Path, content: Mapping[str, Any]) -> dict[str, dict[str, Any]]
         if name and name not in OPTIONAL and not table:
             raise InputError(f"{path}: no table [{name}]; expected {', '.join(known)}")
         found[name] = table
+    for one, other in (("dynamic", "odometry"), ("odometry", "dynamic")):
+        if found[one] and not found[other]:
+            raise InputError(
+                f"{path}: no table [{other}] beside [{one}]; expected {', '.join(KEYS[other])}"
+            )
     return found
 
 
@@ -137,6 +142,8 @@ def _description(
 
 
 def _dynamic(file: TableReader, table: dict[str, Any], odometry: dict[str, Any]) -> Dynamic:
+    """How it walks in a physics engine, and the noise of its step odometry."""
+
     def span(key: str) -> tuple[float, float]:
         low, high = (float(v) for v in file.numbers(table, key, 2, -1.0, 1.0))
         if not low < high:
@@ -145,7 +152,8 @@ def _dynamic(file: TableReader, table: dict[str, Any], odometry: dict[str, Any])
 
     noise = []
     for key in KEYS["odometry"]:
-        value = file.number(odometry, key, None, -90.0, 90.0)
+        least = 0.0 if "sigma" in key else -90.0
+        value = file.number(odometry, key, None, least, 90.0)
         angle = key.endswith("_deg")
         noise.append((f"{key[:-4]}_rad", math.radians(value)) if angle else (key, value))
     numbers = {

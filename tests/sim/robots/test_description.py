@@ -83,6 +83,30 @@ def test_a_mistake_in_a_description_is_named(tmp_path, old, new, message):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
+        (
+            r"\[dynamic\].*(?=\[odometry\])",
+            "",
+            "no table [dynamic] beside [odometry]; expected contact",
+        ),
+        (r"\[odometry\].*", "", "no table [odometry] beside [dynamic]; expected slip_m"),
+        (r"(?<=slip_sigma_m = )", "-", "slip_sigma_m = -0.0008; expected a number, from 0 to 90"),
+        (r"hold_m = \S+", "hold_m = 8", "hold_m = 8; expected a number, from 0 to 0.2"),
+        (r"\[-0.05, 0.12\]", "[0.2, 0.12]", "expected the smaller number first"),
+        (r"slew_m", "slow_m", "[dynamic] key 'slow_m' is unknown; did you mean 'slew_m'?"),
+    ],
+)
+def test_a_mistake_in_how_a_robot_walks_dynamically_is_named(tmp_path, old, new, message):
+    text = (Path(catalogue.__file__).parent / "g1.toml").read_text()
+    assert re.search(old, text, re.DOTALL)
+    path = tmp_path / "mine.toml"
+    path.write_text(re.sub(old, new, text, count=1, flags=re.DOTALL))
+    with pytest.raises(InputError, match=re.escape(message)):
+        catalogue.load(str(path))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
         ('"little.urdf"', '"other.urdf"', "urdf = 'other.urdf': no such file"),
         ('"l_knee"', '"l_knees"', "no joint 'l_knees'"),
         ('frame = "head"', 'frame = "hat"', "no link 'hat'"),
