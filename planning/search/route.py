@@ -42,9 +42,7 @@ BLOCK_AHEAD_M = 0.30  # distance along the path of the place to avoid, times the
 BLOCK_RADIUS_M = 0.35  # radius of that place
 BLOCK_PENALTY = 4.0  # potential added there: expensive, not forbidden
 NARROW_PENALTY = 4.0  # potential added where the guard would stop the robot
-SWAY_M = (
-    0.02  # beyond the guard's distance, for a DARwIn-OP: walking sways, so the penalty begins there
-)
+SWAY_M = 0.02  # of a walking DARwIn-OP: the penalty begins so far beyond the guard's distance
 TURN_WITHIN_M = 0.35  # round a DARwIn-OP: ground on which the first turn of a path is paid
 
 

@@ -1,4 +1,4 @@
-"""Described robots: those of makers where they are installed, and the humanoid of boxes."""
+"""The humanoid of boxes that the tests ship, and the models of other makers where they are installed."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import pytest
 from sim.robots import catalogue, installed
 from sim.robots.jointed import jointed
 
-LITTLE = Path(__file__).resolve().parents[3] / "little_robot" / "little.toml"
+LITTLE = Path(__file__).resolve().parents[1] / "little_robot" / "little.toml"
 
 
 @pytest.fixture(scope="session")
@@ -23,3 +23,9 @@ def described(request):
     if installed.folder(found.package) is None:
         pytest.skip(f"{found.package} is not installed: {installed.EXTRA}")
     return found
+
+
+@pytest.fixture(scope="session")
+def maker(described):
+    """A model of another maker."""
+    return jointed(described)
