@@ -55,6 +55,9 @@ TRAVEL_SHARE = 0.7  # ours: travel, in radii, without which an obstacle is not m
 UNSURE = 0.5  # largest probability of moving without proof
 PROOF = 3.0  # ours: about log(20), likelihood ratio that proves motion; noise often reaches a lower one for an instant
 STRAY_PER_M2 = 1.0  # ours: density of stray detections
+NEW_PER_M2 = 0.02  # ours: density of new obstacles per frame
+RADIUS_SIGMA_M = 0.012  # ours: of the radius between two complete views of an obstacle
+UNLIKE_SHARE = 0.001  # ours: share of the likelihood left to a detection of another size
 
 
 @dataclass(frozen=True)
@@ -144,6 +147,7 @@ class Track:
         self._first_radius_m = radius_m
         self._travelled = self._watched_s = 0.0
         self._proven = False
+        self._before = _log_odds(1.0 - float(self._belief.w[STILL]))
 
     @property
     def moving(self) -> float:
@@ -224,7 +228,7 @@ class Track:
     def update(self, seen: Detection) -> Innovation:
         """Update every mode with a detection, and weigh the modes; returns the innovation of their mixture."""
         if self._lost():
-            self._doubt_motion()
+            self._doubt_motion(self._same(seen))
         means, covariances = self._expectations()
         w, x, P = self._belief
         mean, covariance = np.empty(2), np.empty((2, 2))
@@ -240,8 +244,7 @@ class Track:
         self._gone = self._going()
         self._state = self._motion = self._expected = None
         still = float(w[STILL])
-        evidence = _log_odds(1.0 - still) - _log_odds(self.config.moving_prior)
-        self._proven |= evidence > PROOF
+        self._proven |= _log_odds(1.0 - still) - self._before > PROOF
         self.radius_m = max(seen.radius_m, 0.9 * self.radius_m + 0.1 * seen.radius_m)
         x0, y0 = self.state.mean[:2].tolist()
         distance = math.hypot(x0 - self._first_x, y0 - self._first_y)
@@ -261,8 +264,18 @@ class Track:
         _track_kernels.merge(self._belief.w, *self._expectations(), mean, covariance)
         return largest_sigma(Gaussian(mean, covariance)) > self.radius_m
 
-    def _doubt_motion(self) -> None:
-        """Give the mode `still` its prior probability again, anywhere in the mixture, and ask for a new proof."""
+    def _same(self, seen: Detection) -> float:
+        """Probability that a detection associated with this obstacle is of it, and not of a new one."""
+        own = self.density(seen.position[None], seen.covariance[None])[0]
+        own *= alike(np.array(seen.radius_m), self.radius_m)
+        return float(own / (own + NEW_PER_M2))
+
+    def _doubt_motion(self, same: float) -> None:
+        """Mix with an obstacle anywhere in the mixture that moves with the prior probability; ask for a new proof.
+
+        Args:
+            same: Probability that it is this obstacle.
+        """
         w, x, P = self._belief
         mean, covariance = np.empty(SIZE), np.empty((SIZE, SIZE))
         _track_kernels.merge(w, x, P, mean, covariance)
@@ -271,9 +284,10 @@ class Track:
         covariance[:, VELOCITY] = 0.0
         covariance[VELOCITY, VELOCITY] = np.eye(2) * REST
         x[STILL], P[STILL] = mean, covariance
+        still = same * w[STILL] + (1.0 - same) * (1.0 - self.config.moving_prior)
         w[STILL] = 0.0
-        w *= self.config.moving_prior / w.sum()
-        w[STILL] = 1.0 - self.config.moving_prior
+        w *= (1.0 - still) / w.sum()
+        w[STILL] = still
         self._begin_anew(mean, self.radius_m)
         self._state = self._motion = self._expected = None
 
@@ -309,6 +323,12 @@ def largest_sigma(state: Gaussian) -> float:
     """Standard deviation of the position (x, y) of a state along its worst axis, m."""
     (a, b), (_, d) = state.covariance[:2, :2].tolist()
     return math.sqrt((a + d) / 2.0 + math.hypot((a - d) / 2.0, b))
+
+
+def alike(seen_m: Float[np.ndarray, "*n"], known_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    """Likelihood of the radius of a detection by that of a track, both m, against a new obstacle's."""
+    off = (seen_m - known_m) / RADIUS_SIGMA_M
+    return np.maximum(np.exp(-0.5 * off**2), UNLIKE_SHARE)
 
 
 def _log_odds(probability: float) -> float:

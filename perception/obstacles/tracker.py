@@ -27,7 +27,7 @@ from ..primitives.pose import Pose2
 from ..primitives.settings import setting
 from .motion_model import MEMBERS, MODELS, MotionModel
 from .record import Record, Snapshot, Through, doubt_carried
-from .track import Detection, TrackConfig, largest_sigma
+from .track import NEW_PER_M2, Detection, TrackConfig, alike, largest_sigma
 
 Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
 """Which places (n, 2), world frame, m, have a free line of sight in this frame."""
@@ -35,8 +35,6 @@ Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
 MISSES_OF_NEW = (
     2  # ours: frames without detection, though visible, that end a track not yet reported
 )
-RADIUS_SIGMA_M = 0.012  # ours: of the radius between two complete views of an obstacle
-UNLIKE_SHARE = 0.001  # ours: share of the likelihood left to a detection of another size
 SAME_SHARE = (
     0.5  # ours: tracks closer, and known better, than this share of their radii are one obstacle
 )
@@ -52,7 +50,6 @@ PART_OFF = 2.5  # ours: its growth per metre of missing radius
 class TrackerConfig:
     """Data association, birth and death of tracks."""
 
-    new_per_m2: float = 0.02  # ours; density of new obstacles per frame in data association
     hits_to_show: int = setting(3, "", "detections before a track is reported", "ours")
     misses_to_die: int = setting(
         5, "", "frames without detection, though visible, that end a track", "ours"
@@ -77,7 +74,7 @@ class TrackerConfig:
         for name in ("hits_to_show", "misses_to_die"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"tracker: {name}={getattr(self, name)} must be at least 1")
-        for name in ("new_per_m2", "oldest_s", "max_radius_m", "largest_sigma_m"):
+        for name in ("oldest_s", "max_radius_m", "largest_sigma_m"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"tracker: {name}={value} must be positive and finite")
@@ -199,10 +196,9 @@ class ObstacleTracker:
         )
         radii = np.array([seen.radius_m for seen in detections])
         known = np.array([record.track.radius_m for record in self._records])
-        unlike = (radii - known[:, None]) / RADIUS_SIGMA_M
-        density = density * np.maximum(np.exp(-0.5 * unlike**2), UNLIKE_SHARE)
+        density = density * alike(radii, known[:, None])
         cost = -2.0 * np.log(np.maximum(density, 1e-300))
-        gate = -2.0 * math.log(self.config.new_per_m2)
+        gate = -2.0 * math.log(NEW_PER_M2)
         least = min(float(cost.min()), gate)
         return dict(sorted(match(cost - least, gate - least)))
 

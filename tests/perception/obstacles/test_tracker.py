@@ -624,7 +624,6 @@ def test_the_same_detections_give_the_same_bits():
 @pytest.mark.parametrize(
     ("kind", "change", "message"),
     [
-        (TrackerConfig, {"new_per_m2": 0.0}, r"new_per_m2=0\.0 must be"),
         (TrackerConfig, {"hits_to_show": 0}, "hits_to_show=0 must be at least 1"),
         (TrackConfig, {"speed_sigma_mps": -1.0}, r"speed_sigma_mps=-1\.0 must be positive"),
         (TrackConfig, {"moving_prior": 1.0}, r"moving_prior=1\.0 must lie"),
