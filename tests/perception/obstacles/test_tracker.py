@@ -17,7 +17,7 @@ from scipy.stats import multivariate_normal
 from perception.filtering.consistency import band
 from perception.filtering.models import spread
 from perception.obstacles import _track_kernels
-from perception.obstacles._track_kernels import MODES, PAUSING, STRAIGHT, TURNED, Belief
+from perception.obstacles._track_kernels import MODES, PAUSING, STILL, STRAIGHT, TURNED, Belief
 from perception.obstacles.forecast import forecast
 from perception.obstacles.track import VIEW_MEMORY_S, Detection, Track, TrackConfig
 from perception.obstacles.tracker import ObstacleTracker, TrackerConfig, match
@@ -717,3 +717,41 @@ def test_a_mover_that_was_lost_proves_its_motion_anew(stands, speed_mps):
     assert moving[0] <= 0.5
     assert (max(moving) <= 0.5) == stands
     assert (moving[-1] > 0.9) != stands
+
+
+def lost_for(seconds: float, rng: np.random.Generator) -> tuple[Track, np.ndarray, np.ndarray]:
+    """A mover that turns at random, seen for 12 s and then lost; and where it is, and its velocity."""
+    dt, track = 0.3, Track(seen_at(2.0, 0.0), SURE, TrackConfig())
+    place, velocity = np.array([2.0, 0.0]), 0.12 * unit(rng.uniform(0.0, 2.0 * math.pi))
+    for k in range(round((12.0 + seconds) / dt)):
+        if rng.random() < dt / 15.0:
+            velocity = 0.12 * unit(rng.uniform(0.0, 2.0 * math.pi))
+        place = place + dt * velocity
+        track.predict(dt, SURE)
+        if k * dt < 12.0:
+            track.update(seen_at(*(place + rng.normal(0.0, NOISE_M, 2))))
+    return track, place, velocity
+
+
+def unit(angle: float) -> np.ndarray:
+    return np.array([math.cos(angle), math.sin(angle)])
+
+
+@pytest.mark.parametrize("seconds", [4.8, 7.2])
+def test_a_mover_that_is_found_again_is_as_surely_known_as_claimed(seconds):
+    rng, nees = np.random.default_rng(6), []
+    for _ in range(120):
+        track, place, velocity = lost_for(seconds, rng)
+        track.update(seen_at(*(place + rng.normal(0.0, NOISE_M, 2))))
+        nees.append(track.state.mahalanobis_squared(np.concatenate([place, velocity])))
+    assert 2.0 < np.mean(nees) < 6.0
+
+
+def test_a_thing_of_another_size_where_a_mover_was_lost_is_furniture():
+    rng, still = np.random.default_rng(7), []
+    for radius_m in (RADIUS_M, RADIUS_M + 0.1):
+        track, place, _ = lost_for(4.8, rng)
+        track.update(seen_at(*place, radius_m=radius_m))
+        still.append(track.motion.probabilities[STILL])
+    assert still[0] < 0.3
+    assert still[1] > 0.5
