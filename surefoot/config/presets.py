@@ -59,6 +59,11 @@ def needs(robot: RobotConfig) -> dict[str, Any]:
         found["classes"] = {"robot_height_m": height_m}
     if described is not None:
         gait = described.model.gait
+        if robot.body == "dynamic" and described.dynamic is not None:
+            fastest = min(gait.max_speed_mps, described.dynamic.step_m / gait.step_s)
+            gait = dataclasses.replace(
+                gait, max_speed_mps=fastest, cruise_mps=min(gait.cruise_mps, fastest)
+            )
         found["gait"] = vars(gait)
         longest_m = LONGER * gait.max_speed_mps * gait.step_s
         found["prior"] = {"longest_step_m": max(PriorConfig().longest_step_m, longest_m)}
