@@ -209,29 +209,52 @@ def go_on(
 
 
 @njit(cache=True)
-def look_from(belief: Belief, keep: float, view: np.ndarray, widened: float) -> None:
-    """Predict the error of the viewpoint in every mode: it decays and is renewed.
+def renewal(before: np.ndarray, drift: np.ndarray, now: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What remains of the viewpoint's error from one frame to the next, and the covariance of what is new.
+
+    Since the frame before, it drifted and was then corrected as far as its covariance says. A correction by a Kalman
+    filter with gain K leaves the share I - K of the error, which is `now (before + drift)^-1`. Where the covariance
+    grew by more than the drift, all of it remains.
+
+    Args:
+        before, now: (3, 3) covariances of the error in the frame before and in this one.
+        drift: (3,) variances by which it drifted in between.
+
+    Returns:
+        keep: (3, 3), error now = keep @ error before + new.
+        fresh: (3, 3) covariance of the new part.
+    """
+    root, inverse = np.empty((3, 3)), np.zeros((3, 3))
+    drifted = before + np.diag(drift)
+    make_positive(drifted, root)
+    for j in range(3):
+        for i in range(j, 3):
+            total = 1.0 if i == j else 0.0
+            for k in range(j, i):
+                total -= root[i, k] * inverse[k, j]
+            inverse[i, j] = total / root[i, i]
+        for i in range(j):
+            root[i, j] = 0.0
+    values, vectors = np.linalg.eigh(inverse @ now @ inverse.T)
+    keep = (root @ vectors * np.minimum(np.maximum(values, 0.0), 1.0)) @ vectors.T @ inverse
+    return keep, now - keep @ before @ keep.T
+
+
+@njit(cache=True)
+def look_from(belief: Belief, keep: np.ndarray, fresh: np.ndarray) -> None:
+    """Predict the error of the viewpoint in every mode.
 
     Args:
         belief: Changed.
-        keep: Share of the error that remains.
-        view, widened: (3, 3) covariance of the robot pose, and what is added to its position, m^2.
+        keep, fresh: Of `renewal`.
     """
-    fresh = 1.0 - keep * keep
     root = np.empty((SIZE, SIZE))
     for m in range(len(belief.w)):
         x, P = belief.x[m], belief.P[m]
-        for k in range(4, SIZE):
-            x[k] *= keep
-            for j in range(SIZE):
-                P[k, j] *= keep
-            for j in range(SIZE):
-                P[j, k] *= keep
-        for i in range(3):
-            for j in range(3):
-                P[4 + i, 4 + j] += fresh * view[i, j]
-        for k in range(2):
-            P[4 + k, 4 + k] += fresh * widened
+        x[4:] = keep @ np.ascontiguousarray(x[4:])
+        P[4:, :] = keep @ np.ascontiguousarray(P[4:, :])
+        P[:, 4:] = np.ascontiguousarray(P[:, 4:]) @ keep.T
+        P[4:, 4:] += fresh
         make_positive(P, root)
 
 

@@ -43,15 +43,16 @@ class Habits:
         """Covariance of a velocity taken anew, m^2/s^2: its mean square speed, in the directions it went."""
         return self._square / float(np.trace(self._directions)) * self._directions
 
-    def rates(self, moves: bool) -> Float[np.ndarray, "5 5"]:
+    def rates(self, mover: float) -> Float[np.ndarray, "5 5"]:
         """Rate of every change of mode, 1/s, from row to column.
 
         Args:
-            moves: Whether it is known to move; what stands then only pauses, and there are as many stops as starts.
+            mover: Probability that it is one that is known to move; what stands then only pauses, and there are as
+                many stops as starts.
         """
         rates = np.zeros((MODES, MODES))
         goes_on = self._starts / self._paused_s  # the longer it has stood, the longer it will
-        rates[STILL, TURNED] = goes_on if moves else 1.0 / self._stood_s
+        rates[STILL, TURNED] = mover * goes_on + (1.0 - mover) / self._stood_s
         rates[PAUSING, TURNED] = goes_on
         rates[PAUSING, STILL] = 1.0 / PARKED_S
         rates[STRAIGHT:, TURNED] = self._turns / self._moved_s
@@ -75,19 +76,19 @@ class Habits:
         weights: Float[np.ndarray, "5"],
         velocity: Float[np.ndarray, "2"],
         seconds: float,
-        moves: bool,
+        mover: float,
     ) -> None:
-        """Count what a detection shows.
+        """Count what a detection shows; stops and starts only of one that is known to move.
 
         Args:
             weights: Probabilities of the modes after it.
             velocity: If it does not stand, m/s.
             seconds: Since the detection before.
-            moves: As for `rates`.
+            mover: As for `rates`.
         """
         seconds = min(seconds, LONGEST_S)
         self._stood_s += float(weights[STILL]) * seconds
-        if not moves:
+        if mover < 1.0:
             return
         settled = float(weights[TURNED]) * seconds / SETTLE_S
         turned = self._turned * settled

@@ -22,7 +22,7 @@ from ..primitives.motion import GOING
 from ..primitives.obstacle import MOVING
 from ..primitives.pose import Pose2
 from .motion_model import MotionModel
-from .track import UNSURE, VIEW_MEMORY_S, Detection
+from .track import UNSURE, SHAPE_MEMORY_S, Detection
 
 Through = Callable[[Float[np.ndarray, "n 3"]], tuple[int, int]]
 """How many points of the map, m, a frame sees through, and how many it shows to be occupied (`Sight`)."""
@@ -107,7 +107,7 @@ class Record:
         """
         if now.through is None or not len(now.surface) or self.displaced >= DISPLACED_FRAMES:
             return
-        if self.earlier and now.stamp_s - self.compared_s > VIEW_MEMORY_S:
+        if self.earlier and now.stamp_s - self.compared_s > SHAPE_MEMORY_S:
             self.earlier.clear()
         self.compared_s = now.stamp_s
         if self.track.moving >= MOVING and any(now.apart_from(one) for one in self.earlier):

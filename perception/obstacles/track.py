@@ -3,7 +3,8 @@
 A detection gives the position relative to the body. The pose of the body in the world has an error that hardly
 changes from frame to frame; treated as independent noise it would average out, and an obstacle seen a hundred times
 from a wrong pose would get a far too small covariance. The filter therefore carries the error of the viewpoint in its
-state, with the covariance of the robot pose, widened by the unknown part of a partly visible shape; it decays slowly.
+state, with the covariance of the robot pose, widened by the unknown part of a partly visible shape. It drifts as odometry
+does and is corrected as far as the covariance of the pose tells.
 
 What moves obeys no law that we know. Five modes, each with a sigma-point filter, change into each other at random:
 
@@ -48,7 +49,9 @@ from .habits import STRAIGHT_M2PS3, Habits, pushes
 PLACE, VELOCITY, VIEW = slice(0, 2), slice(2, 4), slice(4, 7)
 """Entries: x, y; vx, vy of the obstacle; error of the viewpoint in x, y, yaw; m, m/s, rad, world axes."""
 
-VIEW_MEMORY_S = 5.0  # ours: time in which the error of the robot pose decays to 1/e
+SHAPE_MEMORY_S = 5.0  # ours: time in which the shift of a partly visible centre decays to 1/e
+DRIFT_M2PS, DRIFT_RAD2PS = 0.003**2, math.radians(0.15) ** 2
+"""Ours: growth of the variances of a pose by odometry, per axis and of the heading, per second."""
 
 SLOW_MPS = 0.03  # seed 001: the slowest obstacles
 TRAVEL_SHARE = 0.7  # ours: travel, in radii, without which an obstacle is not moving
@@ -120,8 +123,7 @@ class Track:
         R = np.array([[c, -s], [s, c]])
         arm = R @ seen.position
         by_view = np.array([[1.0, 0.0, -arm[1]], [0.0, 1.0, arm[0]]])
-        view = self._view.copy()
-        view[[0, 1], [0, 1]] += self._wander_m2
+        view = self._view
         x, P = np.zeros((MODES, SIZE)), np.zeros((MODES, SIZE, SIZE))
         x[:, PLACE] = self._robot[:2] + arm
         P[:, PLACE, PLACE] = by_view @ view @ by_view.T + R @ seen.covariance @ R.T
@@ -134,7 +136,7 @@ class Track:
         weights = np.array([1.0 - p, 0.3 * p, 0.3 * p, 0.3 * p, 0.1 * p])
         self._belief = Belief(weights, x, np.array([positive(one) for one in P]))
         self._unseen_s = 0.0
-        self._habits = Habits(config.speed_sigma_mps)
+        self._habits, self._mover = Habits(config.speed_sigma_mps), 0.0
         self._begin_anew(x[0], seen.radius_m)
         self._gone = self._going()
         self._state: Gaussian | None = None
@@ -198,6 +200,7 @@ class Track:
 
         The motion is linear, so matrices give the same result as sigma points.
         """
+        before = self._view
         self._look_from(robot)
         belief = self._belief
         if dt > 0.0:
@@ -205,8 +208,10 @@ class Track:
             self._habits.pass_time(belief.w, rates, dt)
             chances = _track_kernels.changes(rates, 0.5 * dt)
             _track_kernels.go_on(belief, chances, fresh, dt, pushes(fresh))
-        keep = math.exp(-dt / VIEW_MEMORY_S)
-        _track_kernels.look_from(belief, keep, self._view, self._wander_m2)
+        shifts = self._wander_m2 * math.expm1(dt / SHAPE_MEMORY_S)
+        drift = np.full(3, shifts + DRIFT_M2PS * dt)
+        drift[2] = DRIFT_RAD2PS * dt
+        _track_kernels.look_from(belief, *_track_kernels.renewal(before, drift, self._view))
         self._unseen_s += dt
         self._state = self._motion = self._expected = None
 
@@ -238,13 +243,14 @@ class Track:
         _track_kernels.weigh(w, means, covariances, position, noise, STRAY_PER_M2)
         for m in range(MODES):
             _track_kernels.learn(x[m], P[m], self._robot, position, noise)
-        self._habits.learn(w, self._gone[0][VELOCITY], self._unseen_s, self._proven)
+        self._habits.learn(w, self._gone[0][VELOCITY], self._unseen_s, self._mover)
         self._watched_s += self._unseen_s
         self._unseen_s = 0.0
         self._gone = self._going()
         self._state = self._motion = self._expected = None
         still = float(w[STILL])
         self._proven |= _log_odds(1.0 - still) - self._before > PROOF
+        self._mover = 1.0 if self._proven else self._mover
         self.radius_m = max(seen.radius_m, 0.9 * self.radius_m + 0.1 * seen.radius_m)
         x0, y0 = self.state.mean[:2].tolist()
         distance = math.hypot(x0 - self._first_x, y0 - self._first_y)
@@ -287,12 +293,12 @@ class Track:
         still = same * w[STILL] + (1.0 - same) * (1.0 - self.config.moving_prior)
         w[STILL] = 0.0
         w *= (1.0 - still) / w.sum()
-        w[STILL] = still
+        w[STILL], self._mover = still, same
         self._begin_anew(mean, self.radius_m)
         self._state = self._motion = self._expected = None
 
     def _rates(self) -> Float[np.ndarray, "5 5"]:
-        return self._habits.rates(self._proven)
+        return self._habits.rates(self._mover)
 
     def _going(self) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "4 4"]]:
         """Mean and covariance over (x, y, vx, vy) if it does not stand."""
@@ -317,6 +323,7 @@ class Track:
         """
         self._robot, self._view = _contiguous(robot.mean), _contiguous(robot.covariance)
         self._wander_m2 = (self.config.shape_per_m * self.radius_m**2) ** 2
+        self._view[[0, 1], [0, 1]] += self._wander_m2
 
 
 def largest_sigma(state: Gaussian) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from perception.obstacles.record import DISPLACED_FRAMES, Record, Snapshot
-from perception.obstacles.track import UNSURE, VIEW_MEMORY_S, Detection, Track, TrackConfig
+from perception.obstacles.track import UNSURE, SHAPE_MEMORY_S, Detection, Track, TrackConfig
 from perception.obstacles.tracker import ObstacleTracker
 from perception.primitives.gaussian import Gaussian
 
@@ -73,9 +73,9 @@ def test_one_frame_with_a_wrong_pose_is_no_proof_and_a_long_gap_begins_anew():
     record.compare(Snapshot.of(seen_at(1.0, 0.0), 0.0, SURE, sight_of(0.0)))
     record.compare(Snapshot.of(seen_at(1.0, 0.3), 0.2, SURE, sight_of(0.3)))
     assert (record.displaced, record.moving) == (1, UNSURE)
-    record.compare(Snapshot.of(seen_at(1.0, 0.6), 1.0 + VIEW_MEMORY_S, SURE, sight_of(0.6)))
+    record.compare(Snapshot.of(seen_at(1.0, 0.6), 1.0 + SHAPE_MEMORY_S, SURE, sight_of(0.6)))
     assert record.displaced == 1 < DISPLACED_FRAMES
-    record.compare(Snapshot.of(seen_at(1.0, 0.9), 1.2 + VIEW_MEMORY_S, SURE, sight_of(0.9)))
+    record.compare(Snapshot.of(seen_at(1.0, 0.9), 1.2 + SHAPE_MEMORY_S, SURE, sight_of(0.9)))
     assert record.moving > 0.9
 
 

@@ -19,7 +19,14 @@ from perception.filtering.models import spread
 from perception.obstacles import _track_kernels
 from perception.obstacles._track_kernels import MODES, PAUSING, STILL, STRAIGHT, TURNED, Belief
 from perception.obstacles.forecast import forecast
-from perception.obstacles.track import VIEW_MEMORY_S, Detection, Track, TrackConfig
+from perception.obstacles.track import (
+    DRIFT_M2PS,
+    DRIFT_RAD2PS,
+    SHAPE_MEMORY_S,
+    Detection,
+    Track,
+    TrackConfig,
+)
 from perception.obstacles.tracker import ObstacleTracker, TrackerConfig, match
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
@@ -31,6 +38,7 @@ RADIUS_M = 0.1
 NOISE_M = 0.015
 POSE_SIGMA = np.array([0.01, 0.01, 0.4 * DEG])
 WANDER_M = TrackConfig().shape_per_m * RADIUS_M**2
+DRIFT_SIGMA = np.sqrt([DRIFT_M2PS, DRIFT_M2PS, DRIFT_RAD2PS])  # per root of a second
 SURE = Gaussian(np.zeros(3), np.diag([1e-4, 1e-4, 1e-4]) ** 2)
 
 
@@ -85,9 +93,9 @@ def room(seed: int, seconds: float = 35.0, movers: int = 3, standing: int = 3) -
             if t > turn_at[i]:
                 velocity[i] *= -1
                 turned[i], turn_at[i] = t, t + rng.uniform(15, 25)
-        keep = math.exp(-dt / VIEW_MEMORY_S)
+        pose_error = corrected(pose_error + rng.normal(size=3) * DRIFT_SIGMA * math.sqrt(dt), dt, rng)
+        keep = math.exp(-dt / SHAPE_MEMORY_S)
         fresh = math.sqrt(1 - keep**2)
-        pose_error = keep * pose_error + fresh * rng.normal(size=3) * POSE_SIGMA
         wander = keep * wander + fresh * rng.normal(size=(n, 2)) * WANDER_M
         true = Pose2(-1.5 + 0.03 * t, -0.2, 0.05 * math.sin(frame / 10))
         believed = Gaussian(true.vector - pose_error, np.diag(POSE_SIGMA**2))
@@ -99,6 +107,14 @@ def room(seed: int, seconds: float = 35.0, movers: int = 3, standing: int = 3) -
             error = np.concatenate([places[i], velocity[i]]) - obstacle.state.mean
             samples.append(Sample(t, i < movers, t - turned[i], obstacle, error))
     return samples
+
+
+def corrected(error: np.ndarray, dt: float, rng: np.random.Generator) -> np.ndarray:
+    """The pose error after a measurement that brings its standard deviation back to `POSE_SIGMA`."""
+    predicted = POSE_SIGMA**2 + DRIFT_SIGMA**2 * dt
+    gain = 1.0 - POSE_SIGMA**2 / predicted
+    noise = np.sqrt(predicted * (1.0 - gain) / gain)
+    return error - gain * (error + rng.normal(size=3) * noise)
 
 
 @pytest.fixture(scope="module")
@@ -167,8 +183,7 @@ def test_a_position_seen_a_hundred_times_is_no_more_certain_than_the_pose_of_the
     for k in range(100):
         tracker.update(0.3 * k, [seen_at(1.0, 0.2, sigma_m=0.005)], robot)
     (obstacle,) = tracker.obstacles
-    left = 2.0 * VIEW_MEMORY_S / (30.0 + 2.0 * VIEW_MEMORY_S)  # of the variance, after 30 s
-    assert np.linalg.eigvalsh(obstacle.state.covariance[:2, :2])[0] > 0.95 * left * sigma**2
+    assert np.linalg.eigvalsh(obstacle.state.covariance[:2, :2])[0] > 0.8 * sigma**2
 
 
 def test_partly_visible_furniture_is_not_reported_as_moving():
@@ -552,12 +567,12 @@ def test_one_that_never_turned_is_expected_to_go_on_and_one_that_often_did_is_no
 
 
 def test_prediction_by_matrices_equals_prediction_by_sigma_points():
-    track, dt, keep = followed(), 0.3, math.exp(-0.3 / VIEW_MEMORY_S)
+    track, dt, keep = followed(), 0.3, 0.9
     twin = peer(track, dt, keep)
     twin.predict()
     belief = track._belief
     _track_kernels.drift(belief, dt, np.zeros(MODES))
-    _track_kernels.look_from(belief, keep, np.zeros((3, 3)), 0.0)
+    _track_kernels.look_from(belief, keep * np.eye(3), np.zeros((3, 3)))
     np.testing.assert_allclose(belief.x[STRAIGHT], twin.x, atol=1e-9)
     np.testing.assert_allclose(belief.P[STRAIGHT], twin.P, atol=1e-9)
     assert math.isclose(spread(7) ** 2 * 7, 3.0)
@@ -755,3 +770,21 @@ def test_a_thing_of_another_size_where_a_mover_was_lost_is_furniture():
         still.append(track.motion.probabilities[STILL])
     assert still[0] < 0.3
     assert still[1] > 0.5
+
+
+def test_what_remains_of_the_error_of_the_viewpoint_is_what_a_kalman_filter_leaves():
+    rng = np.random.default_rng(8)
+    for _ in range(20):
+        root, drift = rng.normal(size=(3, 3)), rng.uniform(0.01, 0.3, 3)
+        before = root @ root.T
+        H, R = rng.normal(size=(2, 3)), np.diag(rng.uniform(0.1, 1.0, 2))
+        predicted = before + np.diag(drift)
+        gain = predicted @ H.T @ np.linalg.inv(H @ predicted @ H.T + R)
+        left = np.eye(3) - gain @ H
+        keep, fresh = _track_kernels.renewal(before, drift, left @ predicted)
+        np.testing.assert_allclose(keep, left, atol=1e-9)
+        expected = left @ np.diag(drift) @ left.T + gain @ R @ gain.T
+        np.testing.assert_allclose(fresh, expected, atol=1e-9)
+    keep, fresh = _track_kernels.renewal(before, np.zeros(3), 3.0 * before)
+    np.testing.assert_allclose(keep, np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(fresh, 2.0 * before, atol=1e-9)
