@@ -166,7 +166,7 @@ class ObstacleTracker:
             record.hits += 1
             if part is not None:
                 record.track.update(_from_part(part, record.track))
-                record.seen_s = stamp_s
+                record.seen_s, record.misses = stamp_s, 0
                 record.compare(Snapshot.of(part, stamp_s, robot, through))
         self._miss(given.keys() | confirmed.keys(), visible)
         self._records = [record for record in self._records if self._survives(record, stamp_s)]

@@ -788,3 +788,17 @@ def test_what_remains_of_the_error_of_the_viewpoint_is_what_a_kalman_filter_leav
     keep, fresh = _track_kernels.renewal(before, np.zeros(3), 3.0 * before)
     np.testing.assert_allclose(keep, np.eye(3), atol=1e-9)
     np.testing.assert_allclose(fresh, 2.0 * before, atol=1e-9)
+
+
+def test_a_track_that_is_seen_in_part_three_times_out_of_four_lives():
+    def everywhere(places: np.ndarray) -> np.ndarray:
+        return np.ones(len(places), dtype=bool)
+
+    tracker = ObstacleTracker()
+    for k in range(5):
+        tracker.update(0.3 * k, [seen_at(1.0, 0.0)], SURE, everywhere)
+    (known,) = tracker.obstacles
+    for k in range(5, 60):
+        parts = [seen_at(1.0, 0.03, radius_m=0.08)] if k % 4 else []
+        tracker.update(0.3 * k, [], SURE, everywhere, parts)
+    assert [one.track for one in tracker.obstacles] == [known.track]
