@@ -9,6 +9,7 @@ Source: layers as in grid_map's traversability (Wermelinger et al. 2016); the pr
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,10 +28,13 @@ from ..io import nav2
 from ..io.atomic_write import atomic_path
 from .meshes import Mesh
 
+log = logging.getLogger(__name__)
+
 SIGMA_M = 0.008  # ours: of a fused height, less than half a voxel of 2 cm
 SIGMA_DEG = 4.0  # ours: of a slope from such heights over 12 cm
 BELOW_M = 0.15  # ours: surface further below the floor is a reflection or an error
-FARTHEST_M = 50.0  # ours: cells further from the origin are dropped
+MOST_CELLS = 1 << 24  # ours: 100 by 100 m of 2.5 cm, which take 2.5 GB
+AROUND_M = 50.0  # ours: along x and y from its middle, what is kept of a larger map
 
 
 @dataclass(frozen=True)
@@ -107,13 +111,23 @@ def traversability(mesh: Mesh, config: TraversabilityConfig | None = None) -> Tr
         config: Resolution and robot.
 
     Returns:
-        Layers over the seen area; without rows for an empty mesh.
+        Layers over the seen area, wherever it lies; without rows for an empty mesh. Of a surface too wide for
+        `MOST_CELLS` only what is within `AROUND_M` of its middle; a warning says how much that leaves out.
     """
     config = config or TraversabilityConfig()
     points, area = _dense(mesh)
     near = (points[:, 2] < config.headroom_m) & (points[:, 2] > -BELOW_M)
-    near &= np.abs(points[:, :2]).max(axis=1, initial=0.0) < FARTHEST_M
     points, area = points[near], area[near]
+    if len(points) and np.prod(np.ptp(points[:, :2], axis=0) / config.cell_m + 1.0) > MOST_CELLS:
+        away = np.abs(points[:, :2] - np.median(points[:, :2], axis=0)).max(axis=1)
+        middle = points[np.argmin(away), :2]
+        kept = np.abs(points[:, :2] - middle).max(axis=1) < AROUND_M
+        log.warning(
+            "the surface is too wide for a map with cells of %g m: %.2g %% of it, further than %g m from (%.1f, %.1f) m, "
+            "is left out",
+            *(config.cell_m, 100.0 * (1.0 - kept.mean()), AROUND_M, *middle),
+        )
+        points, area = points[kept], area[kept]
     if len(points) == 0:
         nothing = np.zeros((0, 0), np.float32)
         return Traversability(

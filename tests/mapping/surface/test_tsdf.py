@@ -198,6 +198,34 @@ def test_a_box_on_a_floor_is_occupied_and_the_floor_is_free(tmp_path: Path) -> N
         assert np.array_equal(read["elevation"], layers.height, equal_nan=True)
 
 
+def moved(part: Mesh, x: float, y: float) -> Mesh:
+    return Mesh(part.vertices + np.float32([x, y, 0.0]), part.triangles, part.normals)
+
+
+def test_a_floor_anywhere_is_mapped_where_it_is() -> None:
+    floor = sheet(0.0, (-1.0, 1.0), (-1.0, 1.0))
+    for x, y in ((70.0, 0.0), (-300.0, 4000.0)):
+        layers = traversability(moved(floor, x, y))
+        where = layers.centres[layers.known]
+        assert np.allclose(where.mean(axis=0), (x - 0.01, y - 0.01), atol=0.03)
+        assert layers.known.sum() * layers.cell_m**2 == pytest.approx(1.98**2, rel=0.05)
+    long = joined(floor, moved(floor, 150.0, 0.0))  # of a corridor
+    assert traversability(long).known.sum() == 2 * traversability(floor).known.sum()
+
+
+def test_outskirts_too_far_for_the_memory_are_left_out_and_named(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    floor = sheet(0.0, (-1.0, 1.0), (-1.0, 1.0))
+    crumb = moved(sheet(0.0, (0.0, 0.2), (0.0, 0.2)), 900.0, 900.0)
+    layers = traversability(joined(floor, crumb))
+    assert layers.height.shape == traversability(floor).height.shape
+    share = len(crumb.triangles) / (len(crumb.triangles) + len(floor.triangles))
+    assert f"{100 * share:.2g} % of it, further than 50 m" in caplog.text
+    halves = joined(moved(floor, 0.0, 900.0), moved(floor, 900.0, 0.0))
+    assert traversability(halves).known.any()  # their median lies on neither
+
+
 def test_a_ramp_has_its_slope_and_surface_above_the_headroom_is_ignored() -> None:
     floor = sheet(0.0, (-0.5, 0.5), (-0.5, 0.5))
     ramp = Mesh(floor.vertices.copy(), floor.triangles, floor.normals)
