@@ -27,7 +27,7 @@ logger = logging.getLogger(__name__)
 
 FIRST_CAPACITY = 1 << 14  # voxels
 FINEST_M = 0.001  # ours: of a voxel; a finer grid only fills the memory
-MOST_M = 1e4  # ours: of a coordinate that is read
+MOST_M = 2e4  # ours: of a coordinate that is read; given poses are at most half as far away
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from planning.world_model import WorldModel
 
 from ..config.schema import Config
 from ..recordings.codec import fault_of
+from ..recordings.near_poses import far_pose
 from ..recordings.recording import RecordingInfo
 from ..run import pipeline as run_pipeline
 from . import checks, views
@@ -206,8 +207,8 @@ class Pipeline:
             raise InputError(
                 f"stamp_s={frame.stamp_s} must be a number larger than the previous one ({self._stamp_s})"
             )
-        fault = fault_of(frame)
-        if fault is not None:
+        fault = fault_of(frame) or far_pose(frame)
+        if fault:
             raise InputError(f"frame at {frame.stamp_s} s: {fault}")
         views = (frame.tof, frame.depth, frame.stereo, frame.colour)
         if (

@@ -10,6 +10,7 @@ from perception.primitives.errors import RecordingError
 from perception.primitives.frame import Frame
 from perception.primitives.pose import Pose3
 
+from .near_poses import NearPoses
 from .open import open_recording
 from .recording import Recording, RecordingInfo, SkippedFrame
 
@@ -59,7 +60,7 @@ class WithoutPoses:
 def open_input(
     path: Path, description: Path | None = None, ignore_poses: bool = False, reader: str = ""
 ) -> Recording:
-    """Open a recording, on request without its poses.
+    """Open a recording, with poses that must lie near the origin, or on request without poses.
 
     Args:
         path: A file or folder.
@@ -71,4 +72,4 @@ def open_input(
         RecordingError: The recording cannot be read, or has no poses to ignore.
     """
     recording = open_recording(path, description, reader)
-    return WithoutPoses(recording) if ignore_poses else recording
+    return WithoutPoses(recording) if ignore_poses else NearPoses(recording)

@@ -14,6 +14,7 @@ from surefoot.recordings.open import open_recording
 WALK = Path(__file__).resolve().parents[3] / "data" / "walk"
 CAMERA = surefoot.Camera.from_view(80, 60, 1.0, 0.8)
 MOUNT = surefoot.Pose3.from_rotation(head_rotation(0.0, 0.6), np.array([0.0, 0.0, 0.9]))
+UTM = surefoot.Pose3((500000.0, 5.2e6, 120.7), MOUNT.quat_xyzw)
 
 
 def floor_depth() -> np.ndarray:
@@ -114,6 +115,7 @@ def test_millimetres_without_a_scale_are_refused():
         ([{"left": np.zeros((60, 80), np.uint8)}], "baseline_m"),
         ([{"rgb": np.zeros((60, 80, 3))}], "uint8"),
         ([{"depth": True}, {"depth": True, "T_world_camera": MOUNT}], "comes late"),
+        ([{"depth": True, "T_world_camera": UTM}], "within 10000 m"),
     ],
 )
 def test_frames_that_cannot_be_used_are_refused(frames, message):
