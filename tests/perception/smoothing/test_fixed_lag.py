@@ -277,6 +277,61 @@ def test_live_the_newest_pose_is_as_good_as_the_filter_s(walks):
         assert live < 1.1 * other
 
 
+@pytest.mark.parametrize("hz", [5, 30])
+def test_live_without_odometry_is_as_uncertain_as_the_filter_at_any_frame_rate(hz):
+    start = Gaussian(np.zeros(3), STARTING)
+    robots = PoseFilter(start, MARKS, CONFIG), LaggedFilter(start, MARKS, LIVE)
+    for robot in robots:
+        for _ in range(4 * hz):
+            robot.predict(None, None, 1.0 / hz)
+            robot.update([])
+    one, live = (np.sqrt(np.diag(robot.pose.covariance)) for robot in robots)
+    assert live[0] == pytest.approx(math.hypot(NO_ODOMETRY_MPS * 4.0, 0.02), rel=0.01)
+    np.testing.assert_allclose(live, one, rtol=0.1)
+
+
+def test_live_the_noise_is_the_learnt_one():
+    start = Gaussian(np.zeros(3), STARTING)
+    sharp = {
+        "slip_sigma_m": 1e-5,
+        "lateral_slip_sigma_m": 1e-5,
+        "drift_sigma_rad": 1e-5,
+        "range_offset_sigma": 1e-5,
+    }
+    robots = (
+        PoseFilter(start, MARKS, replace(CONFIG, **sharp)),
+        LaggedFilter(start, MARKS, replace(LIVE, **sharp)),
+    )
+    for robot in robots:
+        robot._turns.factor.value = robot._sightings_factor.value = 3.0
+        for _ in range(20):
+            robot.predict(StepOdometry(Pose2(), 1.0), None, 0.65)
+            robot.update([])
+    one, live = (np.sqrt(np.diag(robot.pose.covariance)) for robot in robots)
+    np.testing.assert_allclose(live, one, rtol=0.05)
+    for robot in robots:
+        r, b = models.range_bearing(robot.pose.mean, np.array([MARKS[0].position[:2]]))
+        robot.update([Sighting(0, np.array([r, b]).ravel(), np.diag([0.05, 2 * DEG]) ** 2)])
+    one, live = (np.sqrt(np.diag(robot.pose.covariance)) for robot in robots)
+    np.testing.assert_allclose(live, one, rtol=0.1)
+
+
+def test_live_memory_is_bounded_and_the_pose_stays_right(monkeypatch):
+    monkeypatch.setattr("perception.smoothing.lagged_filter.MOST_FRAMES", 10)
+    found, claims = [], []
+    for seed in range(20):
+        start, instants, truth = walk(seed)
+        robot = LaggedFilter(start, MARKS, LIVE)
+        poses = followed(robot, instants)
+        assert len(robot._given) <= 11
+        found.append(errors(poses, truth))
+        claims.append([pose.covariance for pose in poses])
+    squares = nees(np.array(found)[:, -1], np.array(claims)[:, -1])
+    low, high = band(3, 20)
+    assert low < np.mean(squares) < high
+    assert np.sqrt(np.mean(np.array(found)[:, -1, :2] ** 2)) < 0.05
+
+
 def test_live_smoothing_begins_anew_at_a_state_that_was_set():
     """As by scan registration; the turn there is part of what the next frames go on from."""
     start, instants, _ = walk(3)
