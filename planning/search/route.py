@@ -31,6 +31,9 @@ from .potential import SearchConfig
 
 # all ours
 RING_M = 0.6  # unseen ground added round the map, so that a path may leave it
+HORIZON_M = (
+    20.0  # a goal further beyond the map is sought where the straight line to it passes this
+)
 CORRIDOR_M = 0.30  # distance from the old path at which the loyalty penalty is full
 PASSED_M = 0.15  # distance at which a way point counts as passed
 PROGRESS_M = 0.10  # least reduction of the remaining path that is progress
@@ -124,7 +127,7 @@ class Route:
 
         The map may be of any size; outside it the ground is as the world map remembers it, and unseen without one. Memory
         may be out of date: where it leaves no path, the search goes without it. Without a path to the goal the position of
-        the robot is returned and `path` is None.
+        the robot is returned and `path` is None. The path to a goal beyond `HORIZON_M` ends there, on the straight line to it.
 
         Args: as for `planning.search.astar.find_path`, and the world map, of the same frame; None: no memory.
         """
@@ -141,8 +144,9 @@ class Route:
         self, ground: Ground, cell_m: float, robot: Pose2, goal: np.ndarray
     ) -> Path | None:
         """The path over a map, near the old one; None if there is none."""
-        probability, unknown, origin = self._widened(*ground, cell_m, goal)
         here = np.array([robot.x, robot.y])
+        goal = _within_horizon(ground, cell_m, here, goal)
+        probability, unknown, origin = self._widened(*ground, cell_m, goal)
         penalty = self._penalty(probability.shape, origin, cell_m, here)
         self._add_first_turn(penalty, origin, cell_m, robot)
         solid = ~unknown & (probability >= self._search.p_solid)
@@ -287,6 +291,17 @@ class Route:
                 break
             points = points[1:]
         return np.vstack([here, points[1:]])
+
+
+def _within_horizon(
+    ground: Ground, cell_m: float, here: np.ndarray, goal: np.ndarray
+) -> np.ndarray:
+    """The goal, or where the straight line to it is `HORIZON_M` beyond the map."""
+    probability, _, origin = ground
+    way, size = goal - here, np.array(probability.shape[::-1]) * cell_m
+    end = np.where(way > 0.0, origin + size + HORIZON_M, origin - HORIZON_M)
+    share = np.min((end - here) / np.where(way == 0.0, 1e-9, way), where=way != 0.0, initial=1.0)
+    return goal if share >= 1.0 else here + share * way
 
 
 def _framed(values: np.ndarray, sides: tuple[tuple[int, int], tuple[int, int]]) -> np.ndarray:

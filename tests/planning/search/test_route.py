@@ -9,6 +9,8 @@ import pytest
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2
+from planning.search import route as route_module
+from planning.search.astar import prepare
 from planning.search.potential import SearchConfig
 from planning.search.route import Route, RouteConfig
 
@@ -217,6 +219,55 @@ def test_a_goal_at_the_edge_of_a_scrolling_map_keeps_the_path():
         via = route.update(part, KNOWN[:, : SIDE - 3 * (k % 2)], ORIGIN, CELL_M, robot, goal)
         sides.append(via[1] > 0.5)
     assert all(sides)
+
+
+def walls():
+    """A wall with a gap at one end."""
+    return fill(empty(), -0.2, -1.2, 0.0, 1.775)
+
+
+@pytest.mark.parametrize("goal", [(1.5, 0.0), (21.0, 3.0), (-4.0, -21.7), (9.0, 21.7)])
+def test_within_the_horizon_the_path_is_the_one_without_a_horizon(goal, monkeypatch):
+    paths = []
+    for horizon_m in (route_module.HORIZON_M, 1e9):
+        monkeypatch.setattr(route_module, "HORIZON_M", horizon_m)
+        route = Route(SearchConfig())
+        for x in (-1.5, -1.45):
+            route.update(walls(), KNOWN, ORIGIN, CELL_M, Pose2(x, 0.0, 0.0), np.array(goal))
+        paths.append(route.path.waypoints)
+    np.testing.assert_array_equal(*paths)
+    np.testing.assert_allclose(paths[0][-1], goal, atol=1e-12)
+
+
+@pytest.mark.parametrize("away_m", [60.0, 1e4])
+def test_a_goal_beyond_the_horizon_costs_no_more_and_is_headed_for(away_m, monkeypatch):
+    shapes = []
+
+    def noted(probability, *rest):
+        shapes.append(probability.shape)
+        return prepare(probability, *rest)
+
+    monkeypatch.setattr(route_module, "prepare", noted)
+    goal = away_m * np.array([0.8, 0.6])
+    route = Route(SearchConfig())
+    via = route.update(empty(), KNOWN, ORIGIN, CELL_M, Pose2(-0.4, -0.3), goal)
+    assert via / np.hypot(*via) == pytest.approx([0.8, 0.6], abs=1e-6)
+    assert np.hypot(*via) > 20.0
+    route.update(walls(), KNOWN, ORIGIN, CELL_M, Pose2(-1.2, -0.9), goal)
+    x, y = route.path.waypoints.T
+    assert -1.7 < np.interp(-0.1, x, y) < -1.35  # round the end of the wall
+    assert max(max(shape) for shape in shapes) < SIDE + 22.0 / CELL_M
+
+
+def test_a_robot_reaches_a_goal_beyond_the_horizon_by_the_straight_way():
+    goal, robot, route, walked = np.array([45.0, 12.0]), START, Route(SearchConfig()), 0.0
+    direct = math.hypot(goal[0] - robot.x, goal[1] - robot.y)
+    while math.hypot(robot.x - goal[0], robot.y - goal[1]) > 1e-6:
+        corner = np.floor(np.array([robot.x, robot.y]) / CELL_M) * CELL_M + ORIGIN
+        via = route.update(empty(), KNOWN, corner, CELL_M, robot, goal)
+        step_m = min(1.0, math.hypot(via[0] - robot.x, via[1] - robot.y))
+        robot, walked = towards(robot, via, step_m), walked + step_m
+        assert walked < 1.01 * direct
 
 
 def test_a_new_goal_takes_effect_at_once():
