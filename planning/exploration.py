@@ -165,10 +165,11 @@ class Explorer:
     def _best_frontier(
         self, ground: ExplorationMap, paths: _Paths
     ) -> Float[np.ndarray, "2"] | None:
-        labels, count = ndimage.label(ground.frontier(), np.ones((3, 3)))
+        frontier = ground.frontier()
+        labels = ndimage.label(frontier, np.ones((3, 3)))[0][frontier]
+        by_label = np.argwhere(frontier)[np.argsort(labels, kind="stable")]
         best, found = 0.0, None
-        for label in range(1, count + 1):
-            cells = np.argwhere(labels == label)
+        for cells in np.split(by_label, np.cumsum(np.bincount(labels))[1:-1]):
             length = len(cells) * ground.cell_m
             if length < self._config.least_frontier_m:
                 continue
@@ -227,14 +228,14 @@ class _Paths:
     def nearest(self, cells: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "2"] | None:
         """The reachable point nearest to the middle of some cells; None beyond STAND_M."""
         middle = cells[np.argmin(np.hypot(*(cells - cells.mean(axis=0)).T))]
-        reach = np.isfinite(self.metres[tuple(self._cells.T)])
-        if not reach.any():
+        reach = math.ceil(STAND_M / self._ground.cell_m)
+        low = np.maximum(middle - reach, 0)
+        row, column = (slice(*ends) for ends in zip(low, middle + reach + 1, strict=True))
+        near = np.argwhere(np.isfinite(self.metres[row, column])) + low
+        away = np.hypot(*(near - middle).T) * self._ground.cell_m
+        if not np.any(away <= STAND_M):
             return None
-        away = np.hypot(*(self._cells[reach] - middle).T) * self._ground.cell_m
-        best = int(np.argmin(away))
-        if away[best] > STAND_M:
-            return None
-        return self._ground.places(self._cells[reach][best][None])[0]
+        return self._ground.places(near[np.argmin(away)][None])[0]
 
     def ahead(self, place: Float[np.ndarray, "2"], most_m: float) -> Float[np.ndarray, "2"]:
         """The point at most `most_m` along the path to a point."""

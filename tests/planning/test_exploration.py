@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -125,6 +126,46 @@ def test_the_next_goal_lies_on_the_path_within_the_distance():
     assert 1.1 <= paths.length(near) <= 1.2 + 1e-9
     onward = _Paths(walk.ground(), near, 0.2)
     assert paths.length(near) + onward.length(far) == pytest.approx(paths.length(far), abs=0.1)
+
+
+def speckled(side_m: float, seed: int) -> ExplorationMap:
+    """A hall with walls 4 m apart and holes of 0.2 m in what was seen."""
+    rng, n = np.random.default_rng(seed), round(side_m / CELL)
+    occupied = np.zeros((n, n), bool)
+    occupied[::80] = True
+    occupied[:, 40::160] = False
+    known = np.kron(rng.random((n // 4, n // 4)) < 0.97, np.ones((4, 4), bool))
+    return ExplorationMap(occupied, known, np.zeros((n, n)), np.zeros(2), CELL)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_frontier_of_the_largest_gain_is_chosen(seed):
+    """Against a plain loop over all of them."""
+    ground, explorer, here = speckled(8.0, seed), Explorer(), np.array([2.1, 2.1])
+    paths = _Paths(ground, here, explorer._body_m)
+    reached = np.argwhere(np.isfinite(paths.metres))
+    labels, count = ndimage.label(ground.frontier(), np.ones((3, 3)))
+    gains, stands = [], []
+    for label in range(1, count + 1):
+        cells = np.argwhere(labels == label)
+        middle = cells[np.argmin(np.linalg.norm(cells - cells.mean(axis=0), axis=1))]
+        away = CELL * np.linalg.norm(reached - middle, axis=1)
+        stand = reached[np.argmin(away)]
+        counts = len(cells) * CELL >= 0.2 and away.min() <= 0.6
+        gains.append(counts * len(cells) * CELL / (0.8 + paths.metres[tuple(stand)]))
+        stands.append((stand[::-1] + 0.5) * CELL)
+    assert max(gains) > 0.0
+    found = explorer._best_frontier(ground, paths)
+    np.testing.assert_allclose(found, stands[int(np.argmax(gains))], atol=1e-12)
+
+
+def test_the_choice_among_hundreds_of_frontiers_takes_a_few_searches_of_paths():
+    ground, explorer, here = speckled(40.0, 0), Explorer(), np.array([2.1, 2.1])
+    began = time.process_time()
+    paths = _Paths(ground, here, explorer._body_m)
+    searched = time.process_time()
+    assert explorer._best_frontier(ground, paths) is not None
+    assert time.process_time() - searched < 5.0 * (searched - began)
 
 
 def test_an_enclosed_robot_stays():
