@@ -33,7 +33,7 @@ class GroundWatch:
         self.images = 0
         self._config, self._floor = config, floor
         self._sensor: str | None = None
-        self._started = False
+        self._started, self._stamp_s = False, 0.0
 
     def entries(self) -> dict[str, Any] | None:
         """Content of ground.json; None before the first image."""
@@ -45,20 +45,21 @@ class GroundWatch:
         """Follow a frame.
 
         Args:
-            frame: Of the sensors.
+            frame: Of the sensors; without step odometry the body may have stepped all the time since the last one.
             views: Its depth images.
             pose: Of the body; without one nothing is mapped.
         """
         if self.map is None or pose is None:
             return
         if self._started:
-            steps = 1.0 if frame.odometry is None else frame.odometry.steps
+            without = max(frame.stamp_s - self._stamp_s, 0.0) / self._config.gait.step_s
+            steps = without if frame.odometry is None else frame.odometry.steps
             noise, height_m = self._config.localiser, self._config.prior.joints_height_m
             sigma = np.array(
                 [noise.step_x_sigma_m, noise.step_y_sigma_m, noise.step_yaw_sigma_rad, height_m]
             )
             self.map.move(self.body.inverse() @ pose, 0.0, np.diag(sigma**2 * steps))
-        self.body, self._started = pose, True
+        self.body, self._started, self._stamp_s = pose, True, frame.stamp_s
         for view in views:
             mounted = view.depth.T_body_camera
             if mounted is None or self._sensor not in (None, view.sensor):

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from mapping.ground.config import GroundConfig
+from mapping.ground.measured import Side
+from mapping.ground.surface import Border
 from perception.depth.points import from_depth
 from perception.floor.classify import FLOOR
 from perception.floor.segmented_view import SegmentedView
@@ -63,6 +67,22 @@ def test_without_a_place_of_the_camera_nothing_is_taken():
 def test_it_is_off_unless_it_is_wanted():
     assert not Config().ground.enabled
     assert followed(MOUNTED, enabled=False).map is None
+
+
+@pytest.mark.parametrize("hz", [5, 30])
+def test_standing_without_step_odometry_costs_the_steps_of_that_time_at_any_frame_rate(hz):
+    config = replace(Config(), ground=GroundConfig(enabled=True))
+    watch = GroundWatch(config, config.floor)
+    watch.update(Frame(3.0), [view(MOUNTED)], Pose2())
+    edge = np.array([1.0, 0.0])
+    side = Side(Border.DROP, edge, edge, (-0.3, 0.3), np.diag([1e-6, 1e-6]), 0.0, 0.0)
+    watch.map._patches[0].sides.append(side)
+    for k in range(1, 10 * hz + 1):
+        watch.update(Frame(3.0 + k / hz), [], Pose2())
+    turned = watch.map._patches[0].sides[-1].covariance[0, 0]
+    steps = 10.0 / config.gait.step_s
+    expected = math.sqrt(1e-6 + steps * config.localiser.step_yaw_sigma_rad**2)
+    assert math.sqrt(turned) == pytest.approx(expected, rel=1e-3)
 
 
 def test_it_goes_through_a_checkpoint():
