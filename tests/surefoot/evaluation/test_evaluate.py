@@ -24,7 +24,12 @@ from surefoot.evaluation.metrics.consistency import (
     squared,
     whitened,
 )
-from surefoot.evaluation.metrics.contacts import contact_intervals, goal_metrics, walk_metrics
+from surefoot.evaluation.metrics.contacts import (
+    contact_intervals,
+    contact_metrics,
+    goal_metrics,
+    walk_metrics,
+)
 from surefoot.evaluation.metrics.maps import (
     FREE,
     OCCUPIED,
@@ -48,7 +53,7 @@ from surefoot.evaluation.metrics.trajectory import (
 from surefoot.evaluation.targets import TARGETS, closing_table, verdicts
 from surefoot.report.cards import verdict
 from surefoot.results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
-from surefoot.results.tables import Trajectory, read_tum
+from surefoot.results.tables import Table, Trajectory, read_tum
 
 seeds = st.integers(0, 2**32 - 1)
 FLOOR_HEADER = ("stamp_s", "camera", "nx", "ny", "nz", "height_m")
@@ -415,6 +420,21 @@ def test_a_contact_ends_with_a_gap_or_a_change_of_object():
         (4.0, 4.0, "a"),
         (5.0, 5.0, "b"),
     ]
+
+
+@pytest.mark.parametrize("period_s", [0.01, 0.3, 0.45])
+def test_the_time_of_short_contacts_does_not_depend_on_the_samples(period_s):
+    """Thirty contacts of 0.5 s in five minutes."""
+    stamps = np.arange(0.0, 300.0, period_s)
+    gaps = np.where(stamps % 10.1 < 0.5, -0.01, 0.1)
+    columns = {
+        "stamp_s": [str(stamp) for stamp in stamps],
+        "clearance_m": [str(gap) for gap in gaps],
+        "object": ["post"] * len(stamps),
+    }
+    figures = contact_metrics(Table("a test", columns))
+    assert figures["contacts"] == 30.0
+    assert figures["contact_seconds"] == pytest.approx(15.0, rel=0.1)
 
 
 def test_goals_count_only_in_their_order():
