@@ -52,7 +52,6 @@ def looked_up(
     found = np.full(len(points), -1, labels.dtype)
     ahead = np.flatnonzero(seen[:, 2] > NEAREST_M)
     if len(ahead):
-        column, row = np.round(camera.project(seen[ahead])).astype(int).T
-        inside = (row >= 0) & (row < labels.shape[0]) & (column >= 0) & (column < labels.shape[1])
+        inside, column, row = camera.nearest_pixels(seen[ahead])
         found[ahead[inside]] = labels[row[inside], column[inside]]
     return found, seen

@@ -124,8 +124,7 @@ class ObstacleMap:
             return
         seen = T.inverse().apply(self._middles())
         ahead = np.flatnonzero(seen[:, 2] > VOXEL_M)
-        column, row = np.round(depth.camera.project(seen[ahead])).astype(int).T
-        inside = (row >= 0) & (row < depth.z.shape[0]) & (column >= 0) & (column < depth.z.shape[1])
+        inside, column, row = depth.camera.nearest_pixels(seen[ahead])
         ahead, row, column = ahead[inside], row[inside], column[inside]
         z, sigma = depth.z[row, column], depth.sigma[row, column]
         farther = z - seen[ahead, 2] > BEYOND_M + 3.0 * sigma  # False where there is no depth

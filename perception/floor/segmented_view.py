@@ -15,7 +15,6 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from ..depth.points import Points
 from ..depth.reach import ReachConfig
-from ..primitives.camera import Camera
 from ..primitives.frame import ColourView, Depth
 from ..primitives.obstacle import Obstacle
 from ..primitives.plane import Plane
@@ -140,7 +139,7 @@ def _has_depth(
     """Whether any of the views has a depth in the direction of places of the map."""
     found = np.zeros(len(places), dtype=bool)
     for view in views:
-        inside, u, v = _pixels(view.depth.camera, view.T_map_camera.inverse().apply(places))
+        inside, u, v = view.depth.camera.nearest_pixels(view.T_map_camera.inverse().apply(places))
         found |= inside & np.isfinite(view.depth.z[v, u])
     return found
 
@@ -179,7 +178,7 @@ class Sight:
         for image in self._images:
             knee = np.column_stack([xy, np.full(len(xy), image.floor_m + KNEE_M)])
             camera_points = image.T_camera_map.apply(knee)
-            inside, u, v = _pixels(image.depth.camera, camera_points)
+            inside, u, v = image.depth.camera.nearest_pixels(camera_points)
             behind = image.depth.z[v, u]  # depth measured in that direction
             seen |= inside & (behind > camera_points[:, 2] + BEYOND_M)
         return seen
@@ -219,7 +218,7 @@ def _beyond(depth: Depth, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray,
 
     In units of what noise explains; NaN where that is not known.
     """
-    inside, u, v = _pixels(depth.camera, (points + ASIDE[:, None]).reshape(-1, 3))
+    inside, u, v = depth.camera.nearest_pixels((points + ASIDE[:, None]).reshape(-1, 3))
     z, sigma = (layer[v, u].reshape(len(ASIDE), -1) for layer in (depth.z, depth.sigma))
     beyond = (z - points[:, 2]) / (BEHIND_M + 3.0 * sigma)
     known = inside.reshape(beyond.shape) & np.isfinite(beyond)
@@ -248,18 +247,7 @@ def colours_of(
     if depth.T_body_camera is not None and colour.T_body_camera is not None:
         T_colour_depth = colour.T_body_camera.inverse() @ depth.T_body_camera
         xyz = T_colour_depth.apply(xyz)
-    inside, u, v = _pixels(colour.camera, xyz)
+    inside, u, v = colour.camera.nearest_pixels(xyz)
     colours = colour.rgb.reshape(-1, 3).take(v * colour.rgb.shape[1] + u, axis=0)
     colours[~inside] = 128
     return colours
-
-
-def _pixels(
-    camera: Camera, xyz: Float[np.ndarray, "n 3"]
-) -> tuple[Bool[np.ndarray, "n"], Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
-    """Whether each point (camera frame) is in the image, and its column and row, clipped to the image."""
-    pixels = camera.project(xyz)
-    inside = camera.contains(pixels)
-    pixels[~inside] = 0.0
-    u, v = np.rint(pixels.T).astype(int)
-    return inside, np.clip(u, 0, camera.width - 1), np.clip(v, 0, camera.height - 1)

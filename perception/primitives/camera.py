@@ -12,7 +12,8 @@ from functools import cached_property
 from numbers import Integral, Real
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Bool, Float, Float32, Int
+from numpy.polynomial import Polynomial
 
 from .errors import ConfigError, InputError
 
@@ -116,6 +117,19 @@ class Camera:
         x, y = self.slopes
         return np.ascontiguousarray(x, np.float32), np.ascontiguousarray(y, np.float32)
 
+    @cached_property
+    def largest_slope(self) -> float:
+        """Slope hypot(x/z, y/z) up to which the distorted radius grows with it; rays beyond it have no pixel.
+
+        The radius r top(r^2) / below(r^2) stops growing where its derivative or `below` is zero.
+        """
+        k1, k2, _, _, k3, *rational = self.distortion
+        top, below, square = (Polynomial(c) for c in ([1, k1, k2, k3], [1, *rational], [0, 1]))
+        growth = top * below + 2 * square * (top.deriv() * below - top * below.deriv())
+        zeros = np.concatenate([growth.roots(), below.roots()])
+        ends = zeros.real[(np.abs(zeros.imag) < 1e-9) & (zeros.real > 0.0)]
+        return math.sqrt(ends.min(initial=np.inf))
+
     def back_project(
         self, pixels: Float[np.ndarray, "*n 2"], depth: Float[np.ndarray, "*n"]
     ) -> Float[np.ndarray, "*n 3"]:
@@ -127,10 +141,23 @@ class Camera:
         return np.stack([x * depth, y * depth, depth], axis=-1)
 
     def project(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 2"]:
-        """Pixels (u, v) of points in the camera frame, m; NaN for points that are not in front of it."""
+        """Pixels (u, v) of points in the camera frame, m; NaN behind it and beyond the largest slope of its lens."""
         z = np.where(points[..., 2] > 1e-9, points[..., 2], np.nan)
-        x, y = self._distort(np.asarray(points[..., 0] / z), np.asarray(points[..., 1] / z))
+        x, y = np.asarray(points[..., 0] / z), np.asarray(points[..., 1] / z)
+        if self.is_distorted:
+            x = np.where(np.hypot(x, y) <= self.largest_slope, x, np.nan)
+        x, y = self._distort(x, y)
         return np.stack([self.fx * x + self.cx, self.fy * y + self.cy], axis=-1)
+
+    def nearest_pixels(
+        self, points: Float[np.ndarray, "n 3"]
+    ) -> tuple[Bool[np.ndarray, "n"], Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
+        """Whether each point in the camera frame, m, is in the image, and its column and row, clipped to it."""
+        pixels = self.project(points)
+        inside = self.contains(pixels)
+        pixels[~inside] = 0.0
+        u, v = np.rint(pixels.T).astype(int)
+        return inside, np.clip(u, 0, self.width - 1), np.clip(v, 0, self.height - 1)
 
     def contains(self, pixels: Float[np.ndarray, "*n 2"]) -> np.ndarray:
         """Whether each pixel (u, v) is in the image."""

@@ -169,14 +169,14 @@ class RosbagRecording:
     def _undistortion(self) -> Float32[np.ndarray, "2 h w"] | None:
         """Pixel (u, v) of the raw colour image for each pixel of the rectified depth image of the same camera.
 
-        None if the images match without undistortion, or differ in size.
+        (-1, -1) where it shows none. None if the images match without undistortion, or differ in size.
         """
         one, other = self._camera, self._colour_camera
         if other is None or one.is_distorted or not other.is_distorted:
             return None
         if (one.width, one.height) != (other.width, other.height):
             return None
-        pixels = other.project(one.rays).astype(np.float32)
+        pixels = np.nan_to_num(other.project(one.rays), nan=-1.0).astype(np.float32)
         return np.ascontiguousarray(np.moveaxis(pixels, -1, 0))
 
     def _first(self, reader: Any, topic: str) -> Any:

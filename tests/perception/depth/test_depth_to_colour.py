@@ -96,3 +96,16 @@ def read_tunnel(folder: Path) -> tuple[np.ndarray, np.ndarray, Camera, Camera, P
     z = np.where(units > 0, units / 1000.0, np.nan).astype(np.float32)
     rgb = cv2.imread(str(folder / "rgb_0.png"), cv2.IMREAD_COLOR_RGB)
     return z, rgb, cameras[0], cameras[1], T
+
+
+def test_depth_beside_the_view_of_a_lens_that_folds_gets_no_colour():
+    wide = Camera.from_view(160, 144, np.radians(120), np.radians(120))
+    folding = Camera(320, 240, 250.0, 250.0, 159.5, 119.5, (-0.30, 0.0, 0.0, 0.0, 0.0))
+    rgb = np.full((240, 320, 3), 200, np.uint8)
+    colours = colours_of_depth(np.full((144, 160), 2.0, np.float32), wide, rgb, folding, Pose3())
+    x, y = wide.slopes
+    radius = np.hypot(x, y)
+    pixels = 250.0 * np.stack([x + 0 * y, y + 0 * x], -1) * (1 - 0.3 * radius**2)[..., None]
+    shown = (radius < np.sqrt(1 / 0.9)) & (np.abs(pixels) < (160, 120)).all(axis=-1)
+    assert 1000 < shown.sum() < 5000
+    np.testing.assert_array_equal((colours > 0).all(axis=-1), shown)

@@ -15,7 +15,7 @@ from perception.primitives.errors import InputError
 from perception.primitives.frame import ColourView, Depth
 from perception.primitives.kinematics import Joint, KinematicTree
 from perception.primitives.own_body import JointReading, OwnBody, OwnPart
-from perception.primitives.pose import CAMERA_IN_BODY_AXES, Pose3
+from perception.primitives.pose import CAMERA_IN_BODY_AXES, Pose3, head_rotation
 
 CAMERA = Camera.from_view(64, 48, math.radians(80), math.radians(60))
 AHEAD = Pose3.from_rotation(CAMERA_IN_BODY_AXES, np.array([0.0, 0.0, 1.0]))
@@ -39,10 +39,19 @@ def met(own, joints, camera, pose):
     rays = camera.rays.reshape(-1, 3) @ pose.rotation.T @ turn.T
     eye = turn @ (pose.position - joints.T_body_base.position)
     low, high = own.parts[0].corners.min(0), own.parts[0].corners.max(0)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         one, other = (low - eye) / rays, (high - eye) / rays
     enter, leave = np.minimum(one, other).max(axis=1), np.maximum(one, other).min(axis=1)
     return ((enter <= leave) & (leave > 0.0)).reshape(camera.height, camera.width)
+
+
+def with_rim(own, joints, camera, pose):
+    """`met` and two pixels around it, also around what is beside the image."""
+    larger = replace(
+        camera, width=camera.width + 4, height=camera.height + 4, cx=camera.cx + 2, cy=camera.cy + 2
+    )
+    truth = met(own, joints, larger, pose).astype(np.uint8)
+    return cv2.dilate(truth, RIM)[2:-2, 2:-2] > 0
 
 
 @given(st.floats(0.15, 2.0), st.floats(-0.8, 0.8), st.floats(0.4, 1.6), st.floats(-1.5, 1.5))
@@ -124,3 +133,40 @@ def test_a_picture_shows_the_body_in_black():
 def test_other_joints_than_the_body_has_are_refused():
     with pytest.raises(InputError, match="2 joint angles; the tree has 1"):
         silhouette(body(), JointReading(Pose3(), (0.0, 0.0)), CAMERA, AHEAD, 0.0)
+
+
+@pytest.mark.parametrize(
+    "lens",
+    [
+        Camera(188, 120, 114.7, 114.3, 91.5, 61.9, (-0.283, 0.074, 1.9e-4, 1.8e-5, 0.0)),  # EuRoC
+        Camera(174, 64, 123.0, 122.6, 86.0, 29.0, (-0.3729, 0.2037, 2.2e-3, 1.4e-3, -0.0723)),  # KITTI
+    ],
+)  # fmt: skip
+@given(
+    st.floats(0.02, 1.5), st.floats(-0.8, 0.8), st.floats(0.4, 1.6),
+    st.floats(-1.5, 1.5), st.sampled_from([CUBE, CUBE * (1.0, 8.0, 0.5), CUBE * (6.0, 0.5, 0.5)]),
+)  # fmt: skip
+def test_a_lens_with_distortion_loses_what_the_body_covers_and_little_more(
+    lens, x, y, z, angle, corners
+):
+    own, joints = body(corners=corners), at(x, y, z, angle)
+    truth = met(own, joints, lens, AHEAD)
+    mask = silhouette(own, joints, lens, AHEAD, 0.0)
+    assert not (truth & ~mask).any()
+    assert not (mask & ~with_rim(own, joints, lens, AHEAD)).any()
+
+
+def test_a_chest_below_the_view_is_masked_to_the_pixel_through_a_lens_that_folds():
+    lens = Camera(640, 480, 600.0, 600.0, 319.5, 239.5, (-0.30, 0.0, 0.0, 0.0, 0.0))
+    chest = np.array([[a, b, c] for a in (-0.05, 0.1) for b in (-0.08, 0.08) for c in (0.2, 0.42)])
+    arm = np.array([[a, b, c] for a in (0.0, 0.18) for b in (0.12, 0.18) for c in (0.2, 0.46)])
+    for corners, pitch in ((chest, 45), (chest, 30), (arm, 30)):
+        eye = Pose3.from_rotation(
+            head_rotation(0.0, math.radians(pitch)), np.array([0.02, 0, 0.46])
+        )
+        own, joints = body(corners=corners), JointReading(Pose3(), (0.0,))
+        truth = met(own, joints, lens, eye)
+        mask = silhouette(own, joints, lens, eye, 0.0)
+        assert truth.any()
+        assert not (truth & ~mask).any()
+        assert not (mask & ~with_rim(own, joints, lens, eye)).any()

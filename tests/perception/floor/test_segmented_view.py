@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from perception.depth.points import from_depth
+from perception.depth.points import Points, from_depth
 from perception.depth.reach import ReachConfig
 from perception.floor.classify import OBSTACLE
 from perception.floor.segmented_view import (
@@ -19,7 +19,7 @@ from perception.floor.segmented_view import (
 from perception.primitives.camera import Camera
 from perception.primitives.frame import Depth
 from perception.primitives.plane import Plane
-from perception.primitives.pose import Pose3
+from perception.primitives.pose import Pose3, head_rotation
 
 WIDE = Camera(160, 120, 80.0, 80.0, 79.5, 59.5)
 NARROW = Camera(160, 120, 200.0, 200.0, 79.5, 59.5)
@@ -143,3 +143,18 @@ def test_an_image_sees_through_the_places_that_a_sight_finds_free():
     assert through.tolist() == [False, True, True, False]
     free = [Sight([view])(place[None])[0] == 1 for place in places]
     assert through.tolist() == free
+
+
+def test_a_place_beside_the_view_of_a_lens_that_folds_is_not_visible():
+    folding = (-0.3728755, 0.2037299, 2.219027e-3, 1.383707e-3, -0.07233722)  # KITTI, raw
+    lens = Camera(1392, 512, 984.2, 980.8, 690.0, 233.2, folding)
+    z = np.full((lens.height, lens.width), 4.0, np.float32)
+    depth = Depth(z, np.full_like(z, 0.01), lens)
+    level = Pose3.from_rotation(head_rotation(0.0, np.radians(10)), np.array([0, 0, 0.8]))
+    floor = Plane(np.array([0.0, -1.0, 0.0]), 0.8)
+    none = Points(np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64))
+    view = SegmentedView("depth", depth, none, np.zeros(0, np.int8), floor, None, level, none.xyz)
+    bearings = np.radians(np.arange(0, 88))
+    visible = Sight([view]).visible(1.5 * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1))
+    assert visible[:35].all()
+    assert not visible[45:].any()  # the row of the knees ends at 39 deg

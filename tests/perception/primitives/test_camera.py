@@ -26,6 +26,11 @@ KINECT = Camera(  # its colour camera, 1280x960
     (0.40386343, -2.60288429, 8.9408e-4, -4.1652e-5, 1.5118779, 0.28427526, -2.42072129, 1.43543446),
 )  # fmt: skip
 
+KITTI = Camera(  # the raw grey camera on the left, 2011-09-26; its radius stops growing at 50 deg
+    1392, 512, 984.2, 980.8, 690.0, 233.2,
+    (-0.3728755, 0.2037299, 2.219027e-3, 1.383707e-3, -0.07233722),
+)  # fmt: skip
+
 
 def points_before(camera: Camera, seed: int, n: int = 200) -> np.ndarray:
     """Points that fall on the image of the distortion-free camera, 0.2 to 6 m away."""
@@ -134,3 +139,32 @@ def test_invalid_intrinsics_are_refused_by_name(change, message):
     good = {"width": 320, "height": 240, "fx": 277.0, "fy": 277.0, "cx": 159.5, "cy": 119.5}
     with pytest.raises(ConfigError, match=message):
         Camera(**(good | change))
+
+
+@pytest.mark.parametrize(
+    ("distortion", "expected"),
+    [
+        ((0.0, 0.0, 0.001, 0.0, 0.0), math.inf),
+        ((0.3, 0.0, 0.0, 0.0, 0.0), math.inf),
+        ((-0.3, 0.0, 0.0, 0.0, 0.0), math.sqrt(1 / 0.9)),  # r - 0.3 r^3
+        ((0.0, 0.0, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0), 2.0),  # r / (1 + r^2 / 4)
+        ((0.0, 0.0, 0.0, 0.0, 0.0, -0.25, 0.0, 0.0), 2.0),  # r / (1 - r^2 / 4): infinite there
+    ],
+)
+def test_the_largest_slope_is_where_the_distorted_radius_stops_growing(distortion, expected):
+    camera = Camera(320, 240, 100.0, 100.0, 159.5, 119.5, distortion)
+    assert camera.largest_slope == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("camera", [KITTI, BENT, MILD, TOF, KINECT])
+def test_no_ray_beyond_the_edge_of_the_image_is_in_it_and_every_ray_inside_is(camera):
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    again = camera.project(camera.rays)
+    np.testing.assert_allclose(again, np.stack([u, v], axis=-1), atol=1e-6)
+    turns = np.linspace(0, math.tau, 24, endpoint=False)
+    slopes = np.tan(np.radians(np.linspace(0, 89.9, 2000)))
+    for cosine, sine in zip(np.cos(turns), np.sin(turns), strict=True):
+        rays = np.column_stack([slopes * cosine, slopes * sine, np.ones(len(slopes))])
+        inside = camera.contains(camera.project(rays))
+        assert inside[0]
+        assert np.count_nonzero(np.diff(inside)) == 1  # it leaves the image once, for good
