@@ -163,45 +163,45 @@ def _locate(
     patch: Patch, camera: Camera, T_body_camera: Pose3, farthest_m: float
 ) -> Detection | None:
     """The obstacle of a patch; None if its foot is not on the floor, or it is too far or too large."""
-    measured = np.array([patch.left, patch.right, patch.foot, 0.0, 0.0, 0.0])
-    disc = _disc(measured, patch.side, camera, T_body_camera)
-    if disc is None or disc[2] > LARGEST_RADIUS_M:
+    sigmas = np.diag(
+        [*[EDGE_SIGMA_PX] * 3, HEAD_YAW_SIGMA_RAD, HEAD_PITCH_SIGMA_RAD, CAMERA_HEIGHT_SIGMA_M]
+    )
+    nominal = np.array([[patch.left, patch.right, patch.foot, 0.0, 0.0, 0.0]])
+    measured = np.concatenate([nominal, nominal + sigmas, nominal - sigmas])
+    left, right, foot = measured[:, :3].T
+    side = np.full(len(measured), patch.side)
+    u, v = np.stack([left, right, (left + right) / 2]), np.stack([side, side, foot])
+    rays = camera.back_project(np.stack([u.T, v.T], axis=-1), np.ones((len(measured), 3)))
+    ahead = rays @ T_body_camera.rotation.T
+    discs = [
+        _disc(three, errors, T_body_camera.translation)
+        for three, errors in zip(ahead, measured[:, 3:], strict=True)
+    ]
+    found = np.array([disc for disc in discs if disc is not None])
+    if len(found) < len(discs) or found[0, 2] > LARGEST_RADIUS_M:
         return None
+    disc = found[0]
     if math.hypot(disc[0], disc[1]) > farthest_m:
         return None
-    head = (HEAD_YAW_SIGMA_RAD, HEAD_PITCH_SIGMA_RAD, CAMERA_HEIGHT_SIGMA_M)
-    columns = []
-    for k, sigma in enumerate((*[EDGE_SIGMA_PX] * 3, *head)):
-        sides = [
-            _disc(measured + sign * sigma * np.eye(6)[k], patch.side, camera, T_body_camera)
-            for sign in (1, -1)
-        ]
-        if sides[0] is None or sides[1] is None:
-            return None
-        columns.append((sides[0][:2] - sides[1][:2]) / 2.0)
-    root = np.stack(columns, axis=1)
+    root = (found[1:7, :2] - found[7:, :2]).T / 2.0
     top = _top_m(patch, disc, camera, T_body_camera)
     return Detection(disc[:2], root @ root.T, float(disc[2]), top)
 
 
 def _disc(
-    measured: np.ndarray, side: float, camera: Camera, T_body_camera: Pose3
+    ahead: Float[np.ndarray, "3 3"],
+    errors: Float[np.ndarray, "3"],
+    place: tuple[float, float, float],
 ) -> Float[np.ndarray, "3"] | None:
     """(x, y, radius) of the disc on the floor, body frame, m; None if the foot is above the horizon.
 
     Args:
-        measured: Columns of both sides, row of the foot, px; errors of yaw and pitch, rad, and of height, m.
-        side: Row of the sides, px.
-        camera, T_body_camera: Nominal camera and its pose on the body.
+        ahead: Rays of both sides and of the foot, body axes.
+        errors: Of yaw and pitch, rad, and of height, m.
+        place: Nominal camera on the body, m.
     """
-    left, right, foot, yaw, pitch, height = measured
-    place = T_body_camera.translation
+    yaw, pitch, height = errors
     eye_height = place[2] + height
-    pixels = np.array([[left, side], [right, side], [(left + right) / 2, foot]])
-    rays = np.column_stack(
-        [(pixels[:, 0] - camera.cx) / camera.fx, (pixels[:, 1] - camera.cy) / camera.fy, np.ones(3)]
-    )
-    ahead = rays @ T_body_camera.rotation.T
     pan = math.atan2(ahead[2, 1], ahead[2, 0])
     tilted = _turn(pan + yaw) @ _pitch(pitch) @ _turn(-pan) @ ahead.T
     x, y, z = tilted
@@ -225,10 +225,8 @@ def _disc(
 
 def _top_m(patch: Patch, disc: np.ndarray, camera: Camera, T_body_camera: Pose3) -> float:
     """Height of the top of the patch above the floor, taken at its front, m."""
-    u = (patch.left + patch.right) / 2
-    ray = T_body_camera.rotation @ np.array(
-        [(u - camera.cx) / camera.fx, (patch.top - camera.cy) / camera.fy, 1.0]
-    )
+    pixel = np.array([[(patch.left + patch.right) / 2, patch.top]])
+    ray = T_body_camera.rotation @ camera.back_project(pixel, np.ones(1))[0]
     place = T_body_camera.translation
     away = math.hypot(disc[0] - place[0], disc[1] - place[1]) - float(disc[2])
     return float(place[2] + away * ray[2] / max(math.hypot(ray[0], ray[1]), 1e-9))
