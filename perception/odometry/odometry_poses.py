@@ -24,7 +24,7 @@ from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
 from ..smoothing.factors import turned_covariance
 from .odometry import FIRST, LOST, RESTARTED, Step
-from .pose_uncertainty import compounded
+from .pose_uncertainty import compounded, planar_gaussian
 from .rgbd_odometry import Odometer, OdometerConfig
 from .view_errors import since_start, view_correlation
 
@@ -100,14 +100,10 @@ class OdometryPoses:
         T = self.T_map_camera
         if T is None or self._unrelated:
             return None
-        ahead = T.rotation[:, 2]
-        mean = np.array([T.translation[0], T.translation[1], math.atan2(ahead[1], ahead[0])])
         start = self.odometer.T_world_start
         assert start is not None
         covariance = turned_covariance(self._covariance + self._view_error(), start.rotation)
-        planar = np.ix_([0, 1, 5], [0, 1, 5])
-        floor = np.diag([1e-4**2, 1e-4**2, 1e-4**2])  # the origin is known by definition
-        return Gaussian(mean, covariance[planar] + floor)
+        return planar_gaussian(T, covariance)
 
     def _view_error(self) -> Float[np.ndarray, "6 6"]:
         """Covariance of the view error of this image relative to the first one, axes of the first one."""

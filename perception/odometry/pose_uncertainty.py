@@ -26,10 +26,12 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from ..primitives.errors import InputError
+from ..primitives.gaussian import Gaussian
 from ..primitives.pose import Pose3
 from ..smoothing.factors import WIDTHS, Factor, FloorSeen, LoopClosure, Motion, turned_covariance
 
 LOOSE = 0.1  # m and rad: standard deviation of the first pose; it cancels, so any loose value does
+EXACT = 1e-4  # ours: m and rad; standard deviation of the first pose, which defines the map frame
 TURN_M = 1.0  # ours: arm that converts rotations to translations
 
 
@@ -66,6 +68,22 @@ def compounded(
     lever = error_transport(reference.rotation @ motion.position)
     whole = lever @ before @ lever.T + turned_covariance(step, reference.rotation)
     return np.asarray((whole + whole.T) / 2.0)
+
+
+def planar_gaussian(pose: Pose3, covariance: Float[np.ndarray, "6 6"]) -> Gaussian:
+    """Project a camera pose to the plane: (x, y, heading of the optical axis) with covariance.
+
+    Args:
+        pose: T_map_camera, in an upright map frame.
+        covariance: Covariance of (x, y, z, rotation vector), map axes.
+    """
+    x, y, z = (float(v) for v in pose.rotation[:, 2])
+    level = max(x * x + y * y, 1e-6)  # a camera that looks straight down has no heading
+    jacobian = np.zeros((3, 6))
+    jacobian[0, 0] = jacobian[1, 1] = 1.0
+    jacobian[2, 3:] = -x * z / level, -y * z / level, 1.0
+    mean = np.array([*pose.position[:2], np.arctan2(y, x)])
+    return Gaussian(mean, jacobian @ covariance @ jacobian.T + EXACT**2 * np.eye(3))
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,12 @@ import numpy as np
 from jaxtyping import Float
 
 from mapping.objects.changes import Change, ChangedObject, Look, find_changes
-from perception.odometry.pose_uncertainty import AttachedImage, PoseUncertainty, pose_uncertainty
+from perception.odometry.pose_uncertainty import (
+    AttachedImage,
+    PoseUncertainty,
+    planar_gaussian,
+    pose_uncertainty,
+)
 from perception.odometry.session_graph import Joined, relative_covariance
 from perception.odometry.view_errors import view_error_covariances
 from perception.primitives.pose import Pose3
@@ -23,7 +28,7 @@ from perception.primitives.pose import Pose3
 from ..config import toml
 from ..results.camera_trajectory import write_poses
 from ..results.run_folder import RunFolder
-from ..results.trajectory_uncertainty import planar_gaussian, write_covariances
+from ..results.trajectory_uncertainty import write_covariances
 from .fusion import Fusion
 from .g2o import write_g2o
 from .job import Say

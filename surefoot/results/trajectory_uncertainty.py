@@ -12,16 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from perception.odometry.pose_uncertainty import PoseUncertainty
-from perception.primitives.gaussian import Gaussian
+from perception.odometry.pose_uncertainty import PoseUncertainty, planar_gaussian
 from perception.primitives.pose import Pose3
 
 from .run_folder import COVARIANCE_HEADER, SPACE_HEADER, RunFolder, estimate_row
 from .tables import Table
 
 SPACE = "space_covariance.csv"
-EXACT = 1e-4
-"""Standard deviation of the first pose, m and rad; it defines the map frame."""
 
 
 def write_covariances(
@@ -45,22 +42,6 @@ def write_covariances(
             planar.append(estimate_row(stamp, planar_gaussian(pose, start)))
     folder.write_csv(SPACE, SPACE_HEADER, rows)
     folder.write_csv("trajectory_covariance.csv", COVARIANCE_HEADER, planar)
-
-
-def planar_gaussian(pose: Pose3, covariance: Float[np.ndarray, "6 6"]) -> Gaussian:
-    """Project a camera pose to the plane: (x, y, heading of the optical axis) with covariance.
-
-    Args:
-        pose: T_map_camera, in an upright map frame.
-        covariance: Covariance of (x, y, z, rotation vector), map axes.
-    """
-    x, y, z = (float(v) for v in pose.rotation[:, 2])
-    level = max(x * x + y * y, 1e-6)  # a camera that looks straight down has no heading
-    jacobian = np.zeros((3, 6))
-    jacobian[0, 0] = jacobian[1, 1] = 1.0
-    jacobian[2, 3:] = -x * z / level, -y * z / level, 1.0
-    mean = np.array([*pose.position[:2], np.arctan2(y, x)])
-    return Gaussian(mean, jacobian @ covariance @ jacobian.T + EXACT**2 * np.eye(3))
 
 
 def read_aligned_covariances(

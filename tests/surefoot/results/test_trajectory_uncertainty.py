@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from perception.odometry.pose_uncertainty import (
     AttachedImage,
     error_transport,
+    planar_gaussian,
     pose_uncertainty,
     rigid_alignment,
 )
@@ -27,7 +28,7 @@ from surefoot.evaluation.metrics.gauge_alignment import (
 )
 from surefoot.results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 from surefoot.results.tables import Trajectory
-from surefoot.results.trajectory_uncertainty import planar_gaussian, write_covariances
+from surefoot.results.trajectory_uncertainty import write_covariances
 
 POSES = 30
 STEP = np.diag(np.square([0.004, 0.003, 0.003, 0.004, 0.003, 0.005]))
