@@ -2,7 +2,9 @@
 
 A side was seen where columns lie on it that were seen from its outer side, over at least half of its length. The
 variance of its place has three parts: the doubt of the pose from which it was seen, which all its points share; the
-noise of its points, which averages over the length of the side; and the bias of a face in fused depth.
+noise of its points, which averages over the length of the side; and the bias of a face in fused depth. Opposite sides
+share the doubt of the pose as far as both have it, because poses drift: what is added between two of them is the
+difference of their variances. The shared part moves a box and leaves its size alone.
 
 Source: ours.
 """
@@ -25,10 +27,17 @@ SEEN_SHARE = 0.5  # ours: of the length of a side that must be seen
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """Sides of an outline: whether each was seen, and the deviation of its place, m, NaN where it was not."""
+    """Sides of an outline.
+
+    Args:
+        seen: Whether each was seen.
+        sigma_m: Standard deviation of the place of each; NaN where it was not seen.
+        pose_m: The part of it that is the doubt of the pose.
+    """
 
     seen: Bool[np.ndarray, "k"]
     sigma_m: Float[np.ndarray, "k"]
+    pose_m: Float[np.ndarray, "k"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +65,7 @@ class Box:
 def sides_of(ring: Ring, columns: Columns) -> Sides:
     """Sides of an outline that runs counter-clockwise, by the columns of the object."""
     count = len(ring)
-    seen, sigma = np.zeros(count, np.bool_), np.full(count, np.nan)
+    seen, (sigma, pose) = np.zeros(count, np.bool_), np.full((2, count), np.nan)
     towards = columns.to_sensor
     for k in range(count):
         start, step = ring[k], ring[(k + 1) % count] - ring[k]
@@ -78,8 +87,9 @@ def sides_of(ring: Ring, columns: Columns) -> Sides:
         noise = float(np.average(columns.noise_variance[near], weights=columns.weight[near]))
         shared = float(np.average(columns.pose_variance[near], weights=columns.weight[near]))
         spread = 1.48 * float(np.median(np.abs(off[near] - np.median(off[near]))))
+        pose[k] = math.sqrt(shared)
         sigma[k] = math.sqrt(EDGE_SIGMA_M**2 + shared + (noise + spread**2) / strips)
-    return Sides(seen, sigma)
+    return Sides(seen, sigma, pose)
 
 
 def box_of(ring: Ring, sides: Sides) -> Box | None:
@@ -89,10 +99,12 @@ def box_of(ring: Ring, sides: Sides) -> Box | None:
     along, across = ring[1] - ring[0], ring[3] - ring[0]
     size = np.array([np.linalg.norm(along), np.linalg.norm(across)])
     axes = np.stack([along / size[0], across / size[1]])
-    variance = np.where(sides.seen, sides.sigma_m, np.nan) ** 2  # of sides 0 -y, 1 +x, 2 +y, 3 -x
-    spread = np.array([variance[1] + variance[3], variance[0] + variance[2]])
+    deviations = np.stack([sides.sigma_m, sides.pose_m])[:, [[1, 3], [0, 2]]]  # +x -x, +y -y
+    whole, pose = np.where(sides.seen[[[1, 3], [0, 2]]], deviations, np.nan) ** 2
+    shared = pose.min(axis=1)
+    spread = whole.sum(axis=1) - 2.0 * shared
     yaw = math.atan2(along[1], along[0])
-    covariance = axes.T @ np.diag(spread / 4.0) @ axes
+    covariance = axes.T @ np.diag(shared + spread / 4.0) @ axes
     if size[0] < size[1]:
         size, spread, yaw = size[::-1], spread[::-1], yaw + math.pi / 2
     return Box(

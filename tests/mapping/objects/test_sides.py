@@ -61,6 +61,7 @@ def test_the_deviation_is_that_of_the_bias_the_pose_and_the_mean_of_the_points(t
     found = sides_of(RING @ R.T, columns(on_side(0) @ R.T, R @ [0.4, -2.0]))
     strips = round(0.8 / (2 * CELL_M))
     assert found.sigma_m[0] ** 2 == pytest.approx(EDGE_SIGMA_M**2 + POSE + NOISE / strips)
+    assert found.pose_m[0] ** 2 == pytest.approx(POSE)
     assert np.isnan(found.sigma_m[1:]).all()
 
 
@@ -92,7 +93,7 @@ def test_a_box_has_size_heading_and_doubt_of_its_sides(first, turn):
     R = np.array([[c, -s], [s, c]])
     sigma = np.array([0.01, 0.02, 0.03, 0.04])
     order = np.roll(np.arange(4), -first)
-    sides = Sides(np.ones(4, np.bool_), sigma[order])
+    sides = Sides(np.ones(4, np.bool_), sigma[order], np.zeros(4))
     box = box_of((RING @ R.T)[order], sides)
     assert box is not None
     assert (box.length_m, box.width_m) == pytest.approx((0.8, 0.4))
@@ -107,10 +108,26 @@ def test_a_box_has_size_heading_and_doubt_of_its_sides(first, turn):
 
 def test_a_box_with_an_unseen_end_has_no_length_and_other_rings_are_no_boxes():
     seen = np.array([True, False, True, True])
-    box = box_of(RING, Sides(seen, np.full(4, 0.01)))
+    box = box_of(RING, Sides(seen, np.full(4, 0.01), np.zeros(4)))
     assert math.isnan(box.sigma_length_m)
     assert box.sigma_width_m == pytest.approx(0.01 * math.sqrt(2.0))
-    assert box_of(RING[:3], Sides(seen[:3], np.full(3, 0.01))) is None
+    assert box_of(RING[:3], Sides(seen[:3], np.full(3, 0.01), np.zeros(3))) is None
+
+
+@pytest.mark.parametrize("drift_m", [0.0, 0.03])
+def test_a_common_error_of_the_pose_moves_a_box_and_leaves_its_size_alone(drift_m):
+    """Drawn errors: one pose for both sides, drift before the second is seen, and noise of each side."""
+    rng = np.random.default_rng(1)
+    common, own = 0.05, 0.01
+    pose = np.array([common, math.hypot(common, drift_m)])[[0, 0, 1, 1]]
+    box = box_of(RING, Sides(np.ones(4, np.bool_), np.hypot(pose, own), pose))
+    first = common * rng.normal(size=50_000)
+    second = first + drift_m * rng.normal(size=50_000)
+    right, left = first + own * rng.normal(size=50_000), second + own * rng.normal(size=50_000)
+    assert box.sigma_length_m == pytest.approx((right - left).std(), rel=0.02)
+    assert math.sqrt(box.covariance[0, 0]) == pytest.approx(((right + left) / 2).std(), rel=0.02)
+    np.testing.assert_allclose(box.covariance[1, 1], box.covariance[0, 0])
+    assert box.sigma_width_m == pytest.approx(box.sigma_length_m)
 
 
 def test_a_column_is_the_mean_of_its_voxels_and_outliers_beside_a_face_are_left_out():
