@@ -209,7 +209,9 @@ def go_on(
 
 
 @njit(cache=True)
-def renewal(before: np.ndarray, drift: np.ndarray, now: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def renewal(
+    before: np.ndarray, drift: np.ndarray, now: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """What remains of the viewpoint's error from one frame to the next, and the covariance of what is new.
 
     Since the frame before, it drifted and was then corrected as far as its covariance says. A correction by a Kalman

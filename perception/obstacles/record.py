@@ -22,7 +22,7 @@ from ..primitives.motion import GOING
 from ..primitives.obstacle import MOVING
 from ..primitives.pose import Pose2
 from .motion_model import MotionModel
-from .track import UNSURE, SHAPE_MEMORY_S, Detection
+from .track import SHAPE_MEMORY_S, UNSURE, Detection
 
 Through = Callable[[Float[np.ndarray, "n 3"]], tuple[int, int]]
 """How many points of the map, m, a frame sees through, and how many it shows to be occupied (`Sight`)."""

@@ -332,7 +332,9 @@ def largest_sigma(state: Gaussian) -> float:
     return math.sqrt((a + d) / 2.0 + math.hypot((a - d) / 2.0, b))
 
 
-def alike(seen_m: Float[np.ndarray, "*n"], known_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+def alike(
+    seen_m: Float[np.ndarray, "*n"], known_m: Float[np.ndarray, "*n"]
+) -> Float[np.ndarray, "*n"]:
     """Likelihood of the radius of a detection by that of a track, both m, against a new obstacle's."""
     off = (seen_m - known_m) / RADIUS_SIGMA_M
     return np.maximum(np.exp(-0.5 * off**2), UNLIKE_SHARE)

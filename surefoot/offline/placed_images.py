@@ -26,7 +26,7 @@ from perception.floor.levelling import UP, rotation_between
 from perception.floor.segmented_view import SegmentedView, near_moving_obstacles
 from perception.localisation.given_poses import GivenPoses
 from perception.odometry.odometry import LOST, RESTARTED
-from perception.odometry.pose_uncertainty import PoseUncertainty
+from perception.odometry.pose_uncertainty import PoseUncertainty, planar_gaussian
 from perception.odometry.rgbd_odometry import Odometer
 from perception.primitives.frame import Depth, Frame
 from perception.primitives.gaussian import Gaussian
@@ -177,9 +177,7 @@ class CameraImages(PlacedImages):
         """The images of a frame, given the pose and covariance of the camera that odometry uses."""
         T_map_camera = self.T_map_world @ T_world_camera
         turned = turned_covariance(covariance, self.T_map_world.rotation)
-        level = [0, 1, 5]  # x, y and the rotation about the vertical
-        yaw = float(np.arctan2(T_map_camera.rotation[1, 2], T_map_camera.rotation[0, 2]))
-        pose = Gaussian(np.array([*T_map_camera.position[:2], yaw]), turned[np.ix_(level, level)])
+        pose = planar_gaussian(T_map_camera, turned)
         floor = _floor_below(T_map_camera, self._floor, turned)
         images = list(self._seen(frame))
         self.with_depth += bool(images)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from perception.obstacles.record import DISPLACED_FRAMES, Record, Snapshot
-from perception.obstacles.track import UNSURE, SHAPE_MEMORY_S, Detection, Track, TrackConfig
+from perception.obstacles.track import SHAPE_MEMORY_S, UNSURE, Detection, Track, TrackConfig
 from perception.obstacles.tracker import ObstacleTracker
 from perception.primitives.gaussian import Gaussian
 

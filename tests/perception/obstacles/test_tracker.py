@@ -93,7 +93,9 @@ def room(seed: int, seconds: float = 35.0, movers: int = 3, standing: int = 3) -
             if t > turn_at[i]:
                 velocity[i] *= -1
                 turned[i], turn_at[i] = t, t + rng.uniform(15, 25)
-        pose_error = corrected(pose_error + rng.normal(size=3) * DRIFT_SIGMA * math.sqrt(dt), dt, rng)
+        pose_error = corrected(
+            pose_error + rng.normal(size=3) * DRIFT_SIGMA * math.sqrt(dt), dt, rng
+        )
         keep = math.exp(-dt / SHAPE_MEMORY_S)
         fresh = math.sqrt(1 - keep**2)
         wander = keep * wander + fresh * rng.normal(size=(n, 2)) * WANDER_M
