@@ -273,7 +273,7 @@ class Track:
     def _same(self, seen: Detection) -> float:
         """Probability that a detection associated with this obstacle is of it, and not of a new one."""
         own = self.density(seen.position[None], seen.covariance[None])[0]
-        own *= alike(np.array(seen.radius_m), self.radius_m)
+        own *= alike(np.array(seen.radius_m), np.array(self.radius_m))
         return float(own / (own + NEW_PER_M2))
 
     def _doubt_motion(self, same: float) -> None:
