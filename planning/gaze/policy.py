@@ -31,6 +31,7 @@ from perception.primitives.robot_model import DARWIN_OP, RobotModel
 from perception.primitives.settings import setting
 
 from ..commands import GazeCommand
+from ..plugin_calls import call, check_finite
 from .attention import Attention, AttentionModel, GazeContext
 from .evaluations import EvaluationConfig
 from .selection import (
@@ -118,11 +119,11 @@ class GazeControl:
         """Make the policy.
 
         Raises:
-            InputError: A policy of the user's cannot be loaded.
+            InputError: A policy of the user's cannot be loaded or made.
         """
         self._name = config.mode
         made = plugins.load(config.mode, POLICIES, "gaze policy", ("next",))
-        self.policy = cast(GazePolicy, made(config, robot))
+        self.policy = cast(GazePolicy, call(f"gaze policy {self._name!r}", made, config, robot))
 
     @property
     def surveying(self) -> bool:
@@ -157,13 +158,13 @@ class GazeControl:
         """The gaze until the next footstep; arguments as for `GazePolicy`.
 
         Raises:
-            InputError: A policy of the user's returns something else.
+            InputError: A policy of the user's takes other arguments, or returns something else.
         """
-        gaze = self.policy.next(stamp_s, robot, via, obstacles, known)
+        name = f"gaze policy {self._name!r}"
+        gaze = call(name, self.policy.next, stamp_s, robot, via, obstacles, known)
         if not isinstance(gaze, GazeCommand):
-            raise InputError(
-                f"gaze policy {self._name!r} returned a {type(gaze).__name__}; expected a GazeCommand"
-            )
+            raise InputError(f"{name} returned a {type(gaze).__name__}; expected a GazeCommand")
+        check_finite(name, gaze)
         return gaze
 
 

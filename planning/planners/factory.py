@@ -7,6 +7,7 @@ from typing import cast
 
 from perception.primitives import plugins
 
+from ..plugin_calls import call
 from .depth_loss_fallback import DepthLossFallback
 from .mission import PLANNERS
 from .planner import Planner
@@ -34,12 +35,11 @@ def make(
         fall_back: Whether the robot walks by colour while depth is lost; else it stands.
 
     Raises:
-        InputError: A planner of the user's cannot be loaded.
+        InputError: A planner of the user's cannot be loaded or made.
     """
     mission = config.mission
-    planner = cast(
-        Planner, plugins.load(mission.planner, PLANNERS, "planner", MEMBERS)(config, goals)
-    )
+    made = plugins.load(mission.planner, PLANNERS, "planner", MEMBERS)
+    planner = cast(Planner, call(f"planner {mission.planner}", made, config, goals))
     if mission.wander or mission.planner not in BY_DEPTH:
         return planner
     if mission.planner == "search" and mission.look_about and scan:

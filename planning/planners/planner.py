@@ -14,9 +14,12 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from perception.primitives.errors import InputError
+
 from ..commands import GazeCommand, WalkCommand
 from ..footholds.foothold import Foothold
 from ..gaze.selection import DirectionMap
+from ..plugin_calls import call, check_finite
 from ..world_model import WorldModel
 
 
@@ -99,3 +102,31 @@ class Planner(Protocol):
     def finished(self, world: WorldModel) -> bool:
         """Whether the mission is over; called once per frame."""
         ...
+
+
+def reference(planner: Planner) -> str:
+    """Kind and name of a planner, for messages."""
+    return f"planner {type(planner).__module__}:{type(planner).__name__}"
+
+
+def decide(planner: Planner, world: WorldModel) -> Decision:
+    """The decision of a planner, a user's own too.
+
+    Raises:
+        InputError: It is something else, or holds a value that no body can execute.
+    """
+    name = reference(planner)
+    found = call(name, planner.decide, world)
+    expected = "expected surefoot.Decision(walk, gaze, why)"
+    if not isinstance(found, Decision):
+        raise InputError(f"{name}: decide() returned {type(found).__name__}; {expected}")
+    fields = (("walk", WalkCommand), ("gaze", GazeCommand), ("why", str))
+    for key, wanted in fields:
+        if not isinstance(getattr(found, key), wanted):
+            held = type(getattr(found, key)).__name__
+            raise InputError(
+                f"{name}: decide() returned a Decision whose {key} is {held}; {expected}"
+            )
+    check_finite(f"{name}: decide()", found.walk)
+    check_finite(f"{name}: decide()", found.gaze)
+    return found

@@ -14,7 +14,8 @@ from perception.primitives.frame import Frame
 from perception.primitives.robot_model import DARWIN_OP, RobotModel
 from perception.primitives.stopwatch import Stopwatch
 from planning.planners.caution import Caution
-from planning.planners.planner import Decision, Planner
+from planning.planners.planner import Decision, Planner, decide, reference
+from planning.plugin_calls import call
 from planning.world_model import WorldModel
 
 from .bodies import Body
@@ -55,6 +56,9 @@ def cycles(
         planner: Decides on footstep and gaze; None for a recording.
         robot: The body as the planner knows it.
         limit_s: Stamp at which a walk ends, whatever the planner says; a recording is read to its end.
+
+    Raises:
+        InputError: A planner of the user's returns what no body can execute.
     """
     caution = Caution(robot)
     while (frame := body.read()) is not None:
@@ -63,14 +67,16 @@ def cycles(
         decision, watch = None, Stopwatch()
         if planner is not None:
             with watch.stage("decide"):
-                planner.observe(world)
+                call(reference(planner), planner.observe, world)
                 if frame.footstep_due:
-                    decision = caution.apply(planner.decide(world), world)
+                    decision = caution.apply(decide(planner, world), world)
         busy_ms = 1e3 * (time.thread_time() - began_s)
         world.estimate.timing_ms.update(watch.milliseconds)
         if decision is not None:
             body.walk(decision.walk)
             body.look(decision.gaze)
         yield Cycle(frame, world, decision, busy_ms)
-        if planner is not None and (planner.finished(world) or world.stamp_s >= limit_s):
-            break
+        if planner is not None:
+            finished = call(reference(planner), planner.finished, world)
+            if finished or world.stamp_s >= limit_s:
+                break

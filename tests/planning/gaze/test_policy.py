@@ -177,6 +177,29 @@ def test_a_policy_that_returns_no_gaze_is_named():
         policy.next(0.0, Pose2(), VIA, [])
 
 
+def test_a_policy_that_returns_no_finite_gaze_is_named():
+    policy = GazeControl(replace(CONFIG, mode=plugins.reference(Ceiling)))
+    policy.policy.gaze = GazeCommand(math.nan, 0.2)
+    with pytest.raises(InputError, match=r"Ceiling.*pan_rad=nan"):
+        policy.next(0.0, Pose2(), VIA, [])
+
+
+def test_a_policy_with_other_arguments_is_named():
+    class Short(Ceiling):
+        def next(self, stamp_s):
+            return self.gaze
+
+    class Bare(Ceiling):
+        def __init__(self):
+            pass
+
+    policy = GazeControl(replace(CONFIG, mode=plugins.reference(Short)))
+    with pytest.raises(InputError, match=r"gaze policy .*Short.* takes 2 positional"):
+        policy.next(0.0, Pose2(), VIA, [])
+    with pytest.raises(InputError, match=r"gaze policy .*Bare.* takes 1 positional"):
+        GazeControl(replace(CONFIG, mode=plugins.reference(Bare)))
+
+
 def test_a_policy_without_the_method_is_refused():
     with pytest.raises(InputError, match=r"Standing.*lacks next"):
         GazeControl(replace(CONFIG, mode=plugins.reference(Standing)))
