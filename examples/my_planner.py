@@ -1,6 +1,7 @@
 """A planner of your own: straight to the goal, standing still while something is in the way.
 
-surefoot simulate boxes --planner examples.my_planner:WalkStraight
+surefoot simulate empty_room --planner examples.my_planner:WalkStraight    # arrives after 50 s
+surefoot simulate boxes --planner examples.my_planner:WalkStraight         # stands before a box: "blocked"
 surefoot experiment INT-4 --seeds 4 --planner examples.my_planner:WalkStraight
 """
 
@@ -20,7 +21,7 @@ class WalkStraight(GoalSeeker):  # GoalSeeker counts the goals and ends the walk
         pass
 
     def decide(self, world):  # once a footstep: world is a surefoot.WorldModel
-        goal, ahead = self._goals.present, GazeCommand(pan_rad=0.0, tilt_rad=0.5)
+        goal, ahead = self.goal, GazeCommand(pan_rad=0.0, tilt_rad=0.5)
         if goal is None or world.pose is None or world.grid is None:
             return Decision(WalkCommand(), ahead, "wait")
         robot, grid = world.pose2, world.grid
@@ -29,4 +30,5 @@ class WalkStraight(GoalSeeker):  # GoalSeeker counts the goals and ends the walk
         blocked = np.any((x > 0.0) & (x < 0.4) & (np.abs(y) < 0.15))
         heading = np.arctan2(goal[1] - robot.y, goal[0] - robot.x)
         speed = 0.0 if blocked else self.gait.cruise_mps
-        return Decision(footstep(heading, speed, robot, self.gait), ahead, "walk")
+        walk = footstep(heading, speed, robot, self.gait)
+        return Decision(walk, ahead, "blocked" if blocked else "walk")

@@ -34,7 +34,7 @@ def run(*words: object) -> None:
     assert result.exit_code in (0, 1), result.output
 
 
-@pytest.mark.parametrize("name", ["my_planner", "my_gaze"])
+@pytest.mark.parametrize("name", ["my_planner", "my_guarded_planner", "my_gaze"])
 def test_a_planner_and_a_gaze_policy_take_at_most_thirty_lines(name):
     lines = (ROOT / "examples" / f"{name}.py").read_text().splitlines()
     assert sum(1 for line in lines if line.strip()) <= 30
@@ -58,6 +58,28 @@ def test_the_planner_walks_towards_the_goal(tmp_path):
     goal = np.array(walk.summary["goal_positions"][0])
     assert np.linalg.norm(goal - last) < np.linalg.norm(goal - first) - 0.2
     assert "examples.my_planner:WalkStraight" in walk.path("config.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("examples.my_planner:WalkStraight", "blocked"),
+        ("examples.my_guarded_planner:WalkGuarded", "guard"),
+    ],
+)
+def test_the_planner_says_what_it_does_before_a_box(name, why, tmp_path):
+    scene = tmp_path / "box.toml"
+    scene.write_text(
+        "extent = [0, 0, 3.4, 2.6]\nstart = [0.5, 1.3, 0]\ngoals = [[2.7, 1.3]]\n"
+        '[[box]]\nname = "crate"\nat = [1.0, 1.05]\nsize = [0.3, 0.5, 0.4]\n'
+    )
+    settings = {"robot.stereo": False, "robot.colour": False}
+    walk = surefoot.simulate(
+        str(scene), planner=name, seconds=8.0, settings=settings, out=tmp_path / "walk"
+    )
+    table = walk._files.read_csv("commands.csv")
+    assert table is not None
+    assert why in table.words("why")
 
 
 def test_the_gaze_policy_looks_left_and_right_by_turns_from_the_first_step(tmp_path):

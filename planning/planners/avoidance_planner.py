@@ -168,7 +168,7 @@ class AvoidancePlanner(GoalSeeker):
         return decision
 
     def _decide(self, world: WorldModel) -> Decision:
-        goal = self._goals.present
+        goal = self.goal
         if world.pose is None or world.grid is None or goal is None:
             return Decision(WalkCommand(), GazeCommand(), "blocked")
         robot = world.pose2

@@ -72,7 +72,7 @@ class FieldPlanner(GoalSeeker):
 
     def decide(self, world: WorldModel) -> Decision:
         """The field's step, if the guard lets it pass."""
-        goal = self._goals.present
+        goal = self.goal
         if world.pose is None or world.grid is None or goal is None:
             return Decision(WalkCommand(), GazeCommand(), "blocked")
         robot = world.pose2

@@ -56,6 +56,11 @@ class GoalSeeker:
         """Goals reached so far."""
         return self._goals.reached
 
+    @property
+    def goal(self) -> Float[np.ndarray, "2"] | None:
+        """The present goal, map frame, m; None without one."""
+        return self._goals.present
+
     def distance_to_goal(self, world: WorldModel) -> float:
         """Distance from the estimated pose to the present goal, m; 0 when all are reached."""
         return self._goals.distance(world)

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
 
 from mapping.grid.egocentric_grid import EgocentricGrid
-from mapping.grid.evidence import OCCUPIED, corner_m
+from mapping.grid.evidence import OCCUPIED
 from mapping.grid.world_map import WorldMap
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import MOVING, Obstacle
@@ -30,6 +30,7 @@ from ..exploration import ExplorationMap, Explorer
 from ..gaze.attention import GazeContext
 from ..gaze.policy import GazeControl
 from ..safety.guard import Guard
+from ..safety.guard_inputs import standing_cells, straight_tracks
 from ..safety.line_of_sight import farthest_visible
 from ..safety.step_filter import StepFilter
 from ..search.curve_walk import CurveWalk
@@ -40,7 +41,6 @@ from .goals import Goals
 from .planner import Decision, Plan
 from .settings import PlanningConfig
 
-TRACK_M = 0.015  # ours: position error of a track
 DEPTH_M = 0.15  # ours: least depth of furniture behind a visible face
 HIDDEN = np.float32(0.6)  # ours: occupancy assumed behind a visible face
 MOVER_COST = np.float32(
@@ -98,7 +98,7 @@ class SearchPlanner:
         if world.pose is None or world.grid is None or goal is None:
             return Decision(WalkCommand(), GazeCommand(), "blocked")
         grid, robot, watch = world.grid, world.pose2, Stopwatch(time.thread_time)
-        obstacles = _supposed(world.tracks)
+        obstacles = straight_tracks(world.tracks)
         with watch.stage("route"):
             probability, unknown, occupied = _as_ground(grid, world.world_map)
             ground = probability, unknown, grid.origin, grid.cell_m
@@ -109,7 +109,7 @@ class SearchPlanner:
         with watch.stage("field"):
             desired, why = self._wanted(world.pose, via, obstacles)
         with watch.stage("guard"):
-            standing = _not_movers(grid.centres()[occupied], obstacles, grid.cell_m)
+            standing = standing_cells(grid.centres()[occupied], obstacles, grid.cell_m)
             here = world.pose.mean[:2]
             near_m = self._guard.cell_distance_m
             target = farthest_visible(here, self._route.ahead(here), standing, near_m)
@@ -223,22 +223,6 @@ def _as_ground(
     probability = np.where(known & moving, np.minimum(probability, MOVER_COST), probability)
     probability = np.where(beside, HIDDEN, probability).astype(np.float32)
     return probability, ~known & ~beside, occupied | behind
-
-
-def _supposed(obstacles: Sequence[Obstacle]) -> list[Obstacle]:
-    """Tracks, moving ones extrapolated straight on; field, guard and gaze add their own hypotheses."""
-    return [o.gone_straight() if o.moving >= MOVING else o for o in obstacles]
-
-
-def _not_movers(
-    cells: Float[np.ndarray, "n 2"], obstacles: Sequence[Obstacle], cell_m: float
-) -> Float[np.ndarray, "m 2"]:
-    """Occupied cells outside all moving tracks, which the guard predicts itself."""
-    movers = [o for o in obstacles if o.moving >= MOVING]
-    places = np.array([o.position for o in movers]).reshape(-1, 2)
-    reach = np.array([o.radius_m for o in movers]) + (corner_m(cell_m) + TRACK_M)
-    gaps = np.linalg.norm(cells[:, None] - places, axis=2)
-    return cells[(gaps > reach).all(axis=1)]
 
 
 def _opposite(

@@ -105,7 +105,7 @@ class SwarmPlanner(GoalSeeker):
     def _decide(self, world: WorldModel) -> Decision:
         self._best = self._movable = None
         gaze = GazeCommand(0.0, math.radians(self._settings.tilt_deg))
-        goal = self._goals.present
+        goal = self.goal
         colour, seen = world.estimate.colour, self._seen
         if goal is None or colour is None or colour.T_body_camera is None or seen is None:
             return Decision(WalkCommand(), gaze, "blocked")
