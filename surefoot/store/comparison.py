@@ -240,14 +240,15 @@ def _judged(one: _Differences, adjusted: Mapping[str, float], least: int, alarm:
 
 
 def shown_change(one: Judged) -> str:
-    """Change with its interval, in words."""
+    """Change with its interval, in words; of a figure that should be 1, that of its distance from 1."""
+    of = "distance from 1: " if one.figure.better == 0 else ""
 
     def text(value: float) -> str:
         return f"{100.0 * value:+.2g} %" if one.ratio else f"{value:+.3g}"
 
     if not math.isfinite(one.low + one.high):
-        return f"{text(one.change)}, no interval"
-    return f"{text(one.change)}, {text(one.low)} to {text(one.high)}"
+        return f"{of}{text(one.change)}, no interval"
+    return f"{of}{text(one.change)}, {text(one.low)} to {text(one.high)}"
 
 
 def _changed(first: Side, second: Side) -> tuple[tuple[str, str, str], ...]:

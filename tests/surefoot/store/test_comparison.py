@@ -58,7 +58,9 @@ def test_more_of_what_should_be_much_is_better_and_nees_is_best_at_one():
         side("a", pose_nees=0.5 + 0.001 * count),
         side("b", pose_nees=1.5 + 0.001 * count),
     )
-    assert verdicts(careful, sure)["pose_nees"].verdict == BETTER  # half as large is further off
+    better = verdicts(careful, sure)["pose_nees"]
+    assert better.verdict == BETTER  # half as large is further off
+    assert shown_change(better).startswith("distance from 1: -")
     assert verdicts(sure, side("c", pose_nees=3.0 + 0.001 * count))["pose_nees"].verdict == WORSE
 
 
