@@ -101,8 +101,8 @@ def layers(run: RunFolder) -> Drawn | None:
         figure.colorbar(image, ax=one, orientation="horizontal", shrink=0.9)
     axes[0].set_ylabel("y, m")
     sentence = (
-        "Layers of the floor in the axes of the map: height of the lowest surface, slope, and the probability "
-        "that a foot can stand there; white cells are unknown."
+        "Layers of the floor in the axes of the map: height of the highest surface below the headroom, slope, and "
+        "the probability that a foot can stand on it, which does not say whether it can be reached; white cells are unknown."
     )
     return Drawn(figure, sentence)
 

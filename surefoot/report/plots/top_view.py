@@ -139,6 +139,7 @@ def _frame(grid: GridMap | None, run: RunFolder) -> tuple[float, float, float, f
 
 
 def _show(axes: Axes, picture: Float[np.ndarray, "rows columns 3"], grid: GridMap) -> None:
+    axes.set_facecolor(_UNSEEN)
     axes.imshow(
         picture,
         origin="lower",

@@ -486,6 +486,15 @@ def test_the_report_of_a_map_shows_surface_and_layers(run, tmp_path):
     assert "surefoot map &#x27;a b&#x27;" in text
     assert "7.5 m²" in text
     assert "Trajectory error" in text
+    assert "highest surface below the headroom" in text
+
+
+def test_ground_beyond_the_grid_is_drawn_as_unknown(run):
+    from surefoot.report.plots import top_view
+
+    for drawn in (top_view.trajectory(run), top_view.grid_check(run)):
+        assert drawn is not None
+        assert drawn.figure.axes[0].get_facecolor()[:3] == top_view._UNSEEN
 
 
 def test_the_report_of_a_panorama_lists_its_obstacles(tmp_path):
