@@ -3,12 +3,10 @@
 python -m examples.own_frames
 """
 
-from pathlib import Path
-
 import surefoot as sf
 from surefoot.recordings.open import open_recording
 
-WALK = Path(__file__).parents[1] / "data" / "walk"
+WALK = "data/walk"  # or your own
 
 
 def main(frames=40):

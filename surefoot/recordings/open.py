@@ -35,7 +35,9 @@ KINDS = (
 )
 
 
-def open_recording(path: Path, description: Path | None = None, reader: str = "") -> Recording:
+def open_recording(
+    path: str | Path, description: str | Path | None = None, reader: str = ""
+) -> Recording:
     """Open a recording of any known format, or by a reader of the user's own.
 
     Args:
@@ -47,6 +49,8 @@ def open_recording(path: Path, description: Path | None = None, reader: str = ""
     Raises:
         RecordingError: There is no such path, its format is unknown, or it cannot be read as a whole.
     """
+    path = Path(path)
+    description = None if description is None else Path(description)
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder{_nearest(path)}; expected {KINDS}")
     if not (path.is_file() or path.is_dir()):

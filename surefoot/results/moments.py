@@ -87,13 +87,17 @@ class MomentWriter:
         self._topics.add(topic, message, nanoseconds(self._stamp_s), self._group)
 
 
-def read_moments(run: RunFolder) -> Iterator[Moment]:
+def read_moments(run: RunFolder | str | Path) -> Iterator[Moment]:
     """The moments of a run in their order; those of a killed run as far as they were written.
+
+    Args:
+        run: The run, or the path of its folder.
 
     Raises:
         RecordingError: The run has no estimates.mcap, or the file is damaged.
     """
-    return moments_of(run.path(ESTIMATES))
+    folder = run if isinstance(run, RunFolder) else RunFolder(Path(run))
+    return moments_of(folder.path(ESTIMATES))
 
 
 def moments_of(path: Path, grows: Callable[[], bool] | None = None) -> Iterator[Moment]:

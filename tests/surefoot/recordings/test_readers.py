@@ -49,6 +49,10 @@ def test_a_thinned_tum_folder_is_read(tum):
     assert recording.info.gravity_up_world == (0.0, 0.0, 1.0)
 
 
+def test_a_path_may_be_a_string(tum):
+    assert len(list(open_recording(str(tum)).frames())) == len(list(open_recording(tum).frames()))
+
+
 def test_a_complete_tum_folder_is_associated_by_time(tum_listed):
     stamps = [0.5, 1.5, 2.5, 3.5]
     recording = open_recording(tum_listed)

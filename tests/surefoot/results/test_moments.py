@@ -128,6 +128,7 @@ def test_every_field_of_a_moment_comes_back_to_the_bit(run):
     footprint = Footprint(outline, *sides, 0.4, 0.01, 0.9, False, 40, None)
     write(run, moments, (footprint,))
     read = list(read_moments(run))
+    assert_same(list(read_moments(str(run.root))), read)
     moments[-1] = dataclasses.replace(moments[-1], footprints=(footprint,))
     assert_same(read, moments)
 
