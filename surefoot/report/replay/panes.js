@@ -3,7 +3,7 @@
 class PicturePane {
   constructor(pane) {
     this.pane = pane;
-    this.shown = -1;
+    this.shown = null; // number of the picture; -1 before the first
     this.section = document.createElement("section");
     this.section.classList.toggle("wide", Boolean(pane.wide));
     const title = document.createElement("h2");
@@ -19,9 +19,10 @@ class PicturePane {
   }
 
   async draw(i, clock) {
-    const k = Math.max(lastAt(this.pane.moments, i), 0);
+    const k = lastAt(this.pane.moments, i);
     if (k === this.shown) return;
     this.shown = k;
+    if (k < 0) { this.clear(); return; }
     const picture = new Blob([bytesOf(this.pane.pictures[k])], { type: this.pane.mime });
     const bitmap = await createImageBitmap(picture, { colorSpaceConversion: "none" });
     if (k !== this.shown) return; // another moment was asked for meanwhile
@@ -35,6 +36,14 @@ class PicturePane {
     this.caption = (this.pane.labels ? this.pane.labels[k] : clock(this.pane.moments[k])) + (this.pane.metres ? ", near is bright" : "");
     this.output.textContent = this.caption;
     this.canvas.setAttribute("aria-label", `${this.pane.name}, ${this.caption}`);
+  }
+
+  clear() {
+    this.canvas.getContext("2d", { willReadFrequently: true }).clearRect(0, 0, this.canvas.width, this.canvas.height);
+    this.steps = this.image = null;
+    this.canvas.dataset.moment = "";
+    this.caption = this.output.textContent = "none yet";
+    this.canvas.setAttribute("aria-label", `${this.pane.name}, none yet`);
   }
 
   // Colours for a depth picture in steps; near is bright, 0 is no depth.
@@ -76,8 +85,10 @@ class GazePane {
   }
 
   draw(i) {
-    const k = Math.max(lastAt(this.gaze.moments, i), 0), { rows, columns, maps } = this.gaze, zoom = 12;
-    this.canvas.width = columns * zoom; this.canvas.height = rows * zoom;
+    const k = lastAt(this.gaze.moments, i), { rows, columns, maps } = this.gaze, zoom = 12;
+    this.canvas.width = columns * zoom; this.canvas.height = rows * zoom; // and clears it
+    this.canvas.setAttribute("aria-label", "value of each gaze: pan across, tilt down");
+    if (k < 0) { this.output.textContent = "none yet"; return; }
     const g = this.canvas.getContext("2d"), [left, right] = [this.gaze.pans[0], this.gaze.pans[columns - 1]];
     const [up, down] = [this.gaze.tilts[0], this.gaze.tilts[rows - 1]];
     for (let row = 0; row < rows; row++) for (let column = 0; column < columns; column++) {
@@ -89,7 +100,6 @@ class GazePane {
     this.cross(g, this.run.gaze[i], "#ffffff", zoom);
     this.cross(g, this.run.head[i], "#ff9a56", zoom);
     this.output.textContent = "bright is worth a look; white the chosen gaze, orange the head now";
-    this.canvas.setAttribute("aria-label", "value of each gaze: pan across, tilt down");
   }
 
   cross(g, angles, paint, zoom) {

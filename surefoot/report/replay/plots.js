@@ -41,7 +41,7 @@ class Plot {
   get span() { return Math.max(this.run.t[this.run.t.length - 1], 1e-9); }
   timeAt(u) { return (u - MARGIN.left) / (this.canvas.clientWidth - MARGIN.left - MARGIN.right) * this.span; }
 
-  words(value) { return this.series.unit === "number" ? String(value) : Math.abs(value) < 1000 ? value.toPrecision(3) : value.toFixed(0); }
+  words(value) { return this.series.unit === "number" ? String(value) : Math.abs(value) < 1000 ? (+value.toFixed(9)).toPrecision(3) : value.toFixed(0); }
 
   // The curves change with the size only; the cursor is drawn over a stored picture of them.
   curves() {

@@ -148,6 +148,25 @@ def test_the_slider_moves_every_pane(browser, run, width):
     assert outside == []
 
 
+def test_no_picture_of_a_later_moment_is_shown(browser, tmp_path):
+    folder = RunFolder.create(tmp_path / "late")
+    made = moments(8)
+    bare = [replace(one, colour=None, depth=None, gaze_map=None) for one in made[:3]]
+    bare[0] = replace(bare[0], head=(-1.1e-16, 0.5))
+    folder.write_text(page.REPLAY, page.replay_page(folder, bare + made[3:]) or "")
+    opened(browser, folder)
+    said = """(() => [[...document.querySelectorAll('#pictures output')].map((one) => one.textContent),
+        [...document.querySelectorAll('#pictures canvas')].map((c) => c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some((v) => v))])()"""
+    for moment, ink in ((0, False), (4, True), (1, False)):
+        go(browser, moment)
+        captions, inked = json.loads(browser.run(f"JSON.stringify({said})"))
+        assert [caption == "none yet" for caption in captions] == [not ink] * 3
+        assert inked == [ink] * 3
+    assert browser.errors == []
+    go(browser, 0)
+    assert "e-1" not in browser.run("document.getElementById('plots').textContent")
+
+
 def test_a_request_of_the_page_would_be_refused(browser, run, tmp_path):
     text = (
         run.path(page.REPLAY)
