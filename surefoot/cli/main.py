@@ -42,7 +42,8 @@ def main(debug: bool) -> None:
       surefoot evaluate runs/offline
       surefoot view runs/offline
     """
-    logging.basicConfig(level=logging.WARNING)
+    shown = logging.BASIC_FORMAT if debug else "warning: %(message)s"
+    logging.basicConfig(level=logging.WARNING, format=shown)
     for package in ("perception", "mapping", "planning", "sim", "surefoot"):
         logging.getLogger(package).setLevel(logging.DEBUG if debug else logging.WARNING)
     # Matplotlib warns about a home that it cannot write

@@ -23,6 +23,11 @@ def quickstart(out: Path | None) -> None:
 
     A robot in a furnished room looks round and makes its first steps. Its sensors give poses, floor, obstacles and a
     map, each with its uncertainty; the page compares them with the truth of the simulation.
+
+    \b
+    Examples:
+      surefoot quickstart
+      surefoot quickstart --out runs/first
     """
     from ..config.load import load
     from ..results.run_folder import RunFolder

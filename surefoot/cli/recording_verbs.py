@@ -125,6 +125,11 @@ def panorama(
 
     Writes panorama.ply, panorama.npz, panorama.json and a picture of obstacles and gaps. RECORDING is any with
     depth that `surefoot process` reads.
+
+    \b
+    Examples:
+      surefoot panorama data/walk --views 8 --out runs/around
+      surefoot panorama my_folder --json
     """
     from ..offline.job import Job, count_reasons
     from ..offline.panorama import panorama_lines, run_panorama

@@ -141,7 +141,13 @@ def _judge(
     help="Follow RUN while another process writes it, or look through one that is over; until Ctrl-C.",
 )
 def view(run: Path, live: bool) -> None:
-    """Open the report of RUN in the browser, or the page of a batch; with --live, the page of `simulate --view`."""
+    """Open the report of RUN in the browser, or the page of a batch; with --live, the page of `simulate --view`.
+
+    \b
+    Examples:
+      surefoot view runs/home
+      surefoot view runs/home --live
+    """
     from ..report.batch_page import INDEX
     from ..results.run_folder import BATCH, RunFolder
 
@@ -190,7 +196,13 @@ def replay(run: Path) -> None:
 @click.argument("name", required=False)
 @json_option
 def bench(name: str | None, as_json: bool) -> None:
-    """Time our hot paths against those of other libraries; without NAME, all of them."""
+    """Time our hot paths against those of other libraries; without NAME, all of them.
+
+    \b
+    Examples:
+      surefoot bench
+      surefoot bench ukf --json
+    """
     from ..benchmarks import benchmark
 
     passed, results = True, []
@@ -209,7 +221,13 @@ def bench(name: str | None, as_json: bool) -> None:
 @click.command()
 @json_option
 def doctor(as_json: bool) -> None:
-    """Check this machine, and say what each missing part is needed for."""
+    """Check this machine, and say what each missing part is needed for.
+
+    \b
+    Examples:
+      surefoot doctor
+      surefoot doctor --json
+    """
     from .doctor import examine, render
 
     findings = examine()
@@ -224,7 +242,13 @@ def doctor(as_json: bool) -> None:
 @click.command()
 @click.option("--markdown", is_flag=True, help="Print the page docs/settings.md.")
 def settings(markdown: bool) -> None:
-    """List every setting with its default, unit and effect."""
+    """List every setting with its default, unit and effect.
+
+    \b
+    Examples:
+      surefoot settings
+      surefoot settings --markdown > settings.md
+    """
     from ..config import reference
 
     if markdown:
@@ -237,7 +261,14 @@ def settings(markdown: bool) -> None:
 @click.command()
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
-    """Print the completion script of SHELL; source it in the shell's start-up file."""
+    """Print the completion script of SHELL; source it in the shell's start-up file.
+
+    \b
+    Examples:
+      surefoot completion bash > ~/.surefoot-complete.bash
+      echo 'source ~/.surefoot-complete.bash' >> ~/.bashrc
+      surefoot completion fish > ~/.config/fish/completions/surefoot.fish
+    """
     from click.shell_completion import get_completion_class
 
     found = get_completion_class(shell)

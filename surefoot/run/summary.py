@@ -45,9 +45,9 @@ def why_unfinished(
     else:
         reason = "ended by its planner"
     counted = Counter(one.why for one in last).most_common()
-    words = ", ".join(f"{why} {count}" for why, count in counted) or "none"
+    words = "; ".join(f"{why} x{count}" for why, count in counted) or "none"
     apart_m = max((math.dist(one.place, last[-1].place) for one in last), default=0.0)
-    shown = f"{left_m:.2f} m from the goal; the last {min(LAST_S, stamp_s):.0f} s: {words}, within {apart_m:.2f} m"
+    shown = f"{left_m:.2f} m from the goal; the last {min(LAST_S, stamp_s):.0f} s, within {apart_m:.2f} m: {words}"
     return reason, shown
 
 

@@ -26,28 +26,6 @@ from surefoot.config.schema import Config
 from surefoot.recordings.identity import identity
 from surefoot.store.query import asker
 
-VERBS = (
-    "quickstart",
-    "simulate",
-    "process",
-    "batch",
-    "smooth",
-    "map",
-    "merge",
-    "panorama",
-    "monocular",
-    "calibrate-noise",
-    "evaluate",
-    "experiment",
-    "bench",
-    "robots",
-    "view",
-    "film",
-    "export",
-    "doctor",
-    "completion",
-)
-
 
 def call(*words: object) -> tuple[int, str]:
     """Exit code and everything that was printed."""
@@ -69,11 +47,23 @@ def plain_folder(folder: Path, depth: np.ndarray | None = None, text: str | None
     return folder
 
 
-@pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_explains_itself(verb):
+@pytest.mark.parametrize("verb", main.commands)
+def test_every_verb_explains_itself_with_an_example(verb):
     code, shown = call(verb, "--help")
     assert code == 0
-    assert "Usage" in shown
+    usage, *rest = shown.splitlines()
+    assert "Usage" in usage
+    assert any(line.startswith(f"    surefoot {verb}") for line in rest), shown
+
+
+def test_a_warning_is_a_plain_line():
+    code = (
+        "import logging\nfrom surefoot.cli.main import main\n"
+        "main(['settings', '--help'], standalone_mode=False)\n"
+        "logging.getLogger('planning.planners').warning('%.1f s: depth is back', 9.8)"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stderr == "warning: 9.8 s: depth is back\n"
 
 
 def test_help_does_not_load_the_heavy_packages():

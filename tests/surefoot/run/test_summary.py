@@ -34,12 +34,12 @@ def test_the_reason_and_the_decisions_of_the_last_minute_are_told(word, limit_s,
     said = why_unfinished(walk, 100.0, limit_s, 1.234)
     assert said == (
         reason,
-        f"1.23 m from the goal; the last 60 s: {word} 30, guard 19, survey 10, within 0.58 m",
+        f"1.23 m from the goal; the last 60 s, within 0.58 m: {word} x30; guard x19; survey x10",
     )
 
 
 def test_a_walk_that_ends_before_its_first_decision_has_none():
-    assert why_unfinished([], 0.5, 0.5, 2.0)[1].endswith("the last 0 s: none, within 0.00 m")
+    assert why_unfinished([], 0.5, 0.5, 2.0)[1].endswith("the last 0 s, within 0.00 m: none")
 
 
 def test_a_walk_out_of_time_says_so_and_how_far_it_was(tmp_path):
