@@ -124,11 +124,18 @@ def write(out: Path, jobs: Sequence[Job], ledger: Ledger) -> None:
     folder.write_text(INDEX, batch_page.page(title, counted(jobs, ledger), shown))
 
 
-def lines(found: Sequence[Row]) -> list[str]:
-    """What the terminal says at the end: the recordings without a run, and totals."""
+def lines(found: Sequence[Row], walks: bool = False) -> list[str]:
+    """What the terminal says at the end: the recordings without a run, and totals.
+
+    Args:
+        found: All rows.
+        walks: Whether they are simulated walks, whose remark says why the last goal was not reached.
+    """
     bad = [row for row in found if row.status != DONE]
     shown = [f"{row.status}: {row.recording}: {row.reason}" for row in bad[:MOST_LISTED]]
     if len(bad) > MOST_LISTED:
         shown.append(f"and {len(bad) - MOST_LISTED} more in {BATCH_TABLE}")
     frames = sum(row.frames or 0 for row in found)
-    return [*shown, f"{len(found) - len(bad)} of {len(found)} done, {frames} frames"]
+    arrived = sum(row.status == DONE and not row.reason for row in found)
+    goals = f", {arrived} of {len(found)} reached every goal" if walks else ""
+    return [*shown, f"{len(found) - len(bad)} of {len(found)} done{goals}, {frames} frames"]

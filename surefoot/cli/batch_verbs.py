@@ -158,6 +158,7 @@ def _run(
     """Run a batch, and tell how it ended."""
     from ..batch import pages
     from ..batch.batch import run_batch
+    from ..batch.job import SIMULATE
     from ..report.batch_page import INDEX
 
     try:
@@ -171,6 +172,6 @@ def _run(
     if as_json:
         click.echo(json.dumps([asdict(row) for row in rows], indent=2))
     else:
-        click.echo("\n".join([*pages.lines(rows), f"page: {out / INDEX}"]))
+        click.echo("\n".join([*pages.lines(rows, order.verb == SIMULATE), f"page: {out / INDEX}"]))
     if any(row.status != "done" for row in rows):
         click.get_current_context().exit(FAILED)
