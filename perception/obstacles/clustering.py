@@ -178,8 +178,8 @@ def cluster(
         raise InputError(
             "clusters: points and sigma must be finite; leave out pixels without depth"
         )
-    dx, dy = points[:, 0] - sensor_xy[0], points[:, 1] - sensor_xy[1]
-    weight = (dx * dx + dy * dy) / 4.0  # density as seen from 2 m
+    away = points - np.append(sensor_xy, sensor_height_m)
+    weight = np.einsum("ij,ij->i", away, away) / 4.0  # density as seen from 2 m
     sensor = Sensor(sensor_xy, sensor_height_m, pitch_rad)
     labels, count = _label_objects(points, weight, sensor, config)
     short = labels.astype(np.uint16) if count < 2**16 else labels  # radix sort

@@ -20,8 +20,10 @@ from perception.obstacles.clustering import ClusterConfig, cluster
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.frame import DepthView
+from perception.primitives.pose import Pose3, head_rotation
 
 SENSOR = np.array([0.03, 0.0])
+KINECT = Camera(320, 240, 262.5, 262.5, 159.5, 119.5)
 PITCH = math.radians(0.25)  # between pixels: SR-4000, and every second pixel of a Kinect
 
 
@@ -68,6 +70,30 @@ def noisy(d, t, height, rng, noise):
     t = t + noise * rng.normal(size=len(t))
     xyz[:, :2] = SENSOR + xyz[:, :2] * t[:, None]
     return xyz, np.full(len(xyz), noise)
+
+
+def see_from_above(camera, sensor_m, pitch_rad, box, stride=1, noise_per_m=0.003):
+    """Points of a box at least 3 cm above the floor, by a pinhole camera pitched down, and their deviations.
+
+    Args:
+        camera: Its intrinsics.
+        sensor_m: Its height; it stands at the origin and looks along x.
+        pitch_rad: Downwards.
+        box: (2, 3), lower and upper corner.
+        stride: Every n-th row and column is used.
+        noise_per_m: Deviation along the ray over depth.
+    """
+    T = Pose3.from_rotation(head_rotation(0.0, pitch_rad), np.array([0.0, 0.0, sensor_m]))
+    rays = camera.rays[::stride, ::stride].reshape(-1, 3) @ T.rotation.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = (np.asarray(box)[:, None] - T.position) / rays
+    z, leave = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
+    hit = (z <= leave) & (z > 0.0)
+    sigma = noise_per_m * z[hit]
+    z = z[hit] + sigma * np.random.default_rng(0).normal(size=len(sigma))
+    points = T.position + rays[hit] * z[:, None]
+    rises = points[:, 2] > 0.03
+    return points[rises], sigma[rises]
 
 
 def lifted(points, height):
@@ -145,6 +171,22 @@ def test_few_points_on_a_top_give_the_middle_between_its_edges():
     points = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.3)])
     (found,) = cluster(points, np.full(len(points), 0.01), SENSOR, sensor_height_m=1.5)
     np.testing.assert_allclose(found.centre, [3.5, 0.0], atol=0.01)
+
+
+@pytest.mark.parametrize("sensor_m", [0.7, 1.6, 2.5])
+@pytest.mark.parametrize("ahead_m", [0.4, 0.8, 1.8])
+def test_a_box_before_the_feet_of_a_tall_robot_is_one_cluster(sensor_m, ahead_m):
+    """Pixels lie as densely as their range, not their distance on the floor, tells."""
+    box = np.array([[ahead_m, -0.2, 0.0], [ahead_m + 0.3, 0.2, 0.35]])
+    pitch = math.atan2(sensor_m - 0.175, ahead_m + 0.15)
+    points, sigma = see_from_above(KINECT, sensor_m, pitch, box, stride=2)
+    (found,) = cluster(
+        points, sigma, np.zeros(2), sensor_height_m=sensor_m, pitch_rad=2.0 / KINECT.fy
+    )
+    assert found.points > 0.97 * len(points)
+    error = found.centre - box[:, :2].mean(axis=0)
+    assert error @ np.linalg.solve(found.covariance, error) < 4.0
+    assert found.radius_m == pytest.approx(0.25, abs=0.06)
 
 
 def test_separate_objects_are_separate_clusters_and_the_nearest_comes_first():
