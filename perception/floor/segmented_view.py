@@ -24,7 +24,7 @@ from . import classify
 UPPER_ROWS = 2  # ours: of an image; what reaches them goes on above it
 KNEE_M = 0.15  # height at which a tracked obstacle is expected: every relevant one reaches it
 BEYOND_M = 0.15  # a depth this far behind a place shows that the place is free
-BORDER_SHARE = 0.02  # of the image width
+BORDER_SHARE = 0.02  # of the image width, and of its height
 HIDING_SHARE = 0.02  # of the image width: distance in the image from an occluding object
 NEAR_M = 0.03  # of points this close to the least depth, the front may be missing
 BESIDE_M = 0.04  # distance beside a border point at which another view must have a depth
@@ -108,6 +108,22 @@ def truncated(
 def uppermost(view: SegmentedView, points: Points) -> Bool[np.ndarray, "n"]:
     """Which points of a view lie at the upper border of its image."""
     return points.pixels < UPPER_ROWS * view.depth.camera.width
+
+
+def lowermost(
+    view: SegmentedView,
+    points: Points,
+    reach: ReachConfig,
+    others: Sequence[SegmentedView] = (),
+) -> Bool[np.ndarray, "n"]:
+    """Which points of a view lie at the lower border of its image, and no other view has a depth below them."""
+    camera = view.depth.camera
+    rows = max(BORDER_SHARE * camera.height, reach.stride)
+    found = points.pixels // camera.width > camera.height - 1 - rows
+    below = points.xyz[found]
+    below[:, 1] += BESIDE_M
+    found[found] = ~_has_depth(view.T_map_camera.apply(below), others)
+    return found
 
 
 def _hiders(depth: Depth, points: Points, stride: int) -> Int[np.ndarray, "n"]:

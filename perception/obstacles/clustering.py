@@ -34,6 +34,8 @@ from .row_gaps import NEIGHBOURS, Plan, Sensor, with_level
 ENOUGH = 1000  # points of a cluster that its measurement uses at most
 CELL_POINTS = 3.0  # ours: least points in a cell, scaled to 2 m; fewer are flying pixels
 TRUNCATED_POINTS = 3  # ours: points at a truncation that make a cluster truncated
+FRONT_M = 0.05  # ours: a front rises more than this within this depth
+HIDDEN_M = 1.0  # ours: deviation along the ray of a centre whose front is not seen
 MERGED_M = 0.7  # ours: a longer cluster may be several objects
 APART_M = 0.25  # ours: objects side by side rise this much above the height at which they touch
 LEVEL_M = 0.10  # ours: height steps in which tops are compared
@@ -144,6 +146,7 @@ def cluster(
     truncated: Int[np.ndarray, "n"] | None = None,
     floor_band: Float[np.ndarray, "n"] | None = None,
     uppermost: Bool[np.ndarray, "n"] | None = None,
+    lowermost: Bool[np.ndarray, "n"] | None = None,
     sensor_height_m: float = 0.0,
     pitch_rad: float = 0.0,
 ) -> list[Cluster]:
@@ -160,6 +163,7 @@ def cluster(
         floor_band: Height at each point up to which it may be floor, with all errors of the plane
             (`classify.band`), m; a cluster whose top does not exceed it is none. None: the least height alone.
         uppermost: Points at the upper border of the image; None: no object reaches it.
+        lowermost: Points at its lower border; an object there is truncated unless its front is seen above it.
         sensor_height_m: Height of the sensor above the floor.
         pitch_rad: Angle between two rows of pixels, the largest of several sensors; by it a level surface seen at a
             grazing angle stays one. 0: not known.
@@ -194,6 +198,7 @@ def cluster(
         mine = order[first:last]
         whole = truncated is None or _ends(truncated, mine, labels) < TRUNCATED_POINTS
         cut_above = uppermost is not None and int(uppermost[mine].sum()) >= TRUNCATED_POINTS
+        cut_below = lowermost is not None and int(lowermost[mine].sum()) >= TRUNCATED_POINTS
         mine = mine[:: max(len(mine) // ENOUGH, 1)]
         members = points[mine]
         height = float(np.quantile(members[:, 2], 0.99))
@@ -202,7 +207,9 @@ def cluster(
             continue
         above = -math.inf if cut_above else sensor_height_m - height
         measured = _measure(members, sigma[mine], int(last - first), sensor_xy, height, above)
-        if not whole:
+        if cut_below and not _front_seen(members, sensor_xy):
+            measured = _with_hidden_front(measured, sensor_xy)
+        elif not whole:
             measured = _with_circle(replace(measured, whole=False), members, sensor_xy)
         surface = mine[_front(members, sensor_xy, height)]
         found.append(replace(measured, surface=surface, goes_on_above=cut_above))
@@ -216,6 +223,23 @@ def _ends(
     beside = truncated[mine]
     hider = np.where(beside >= 0, beside, mine)
     return int(np.count_nonzero((beside == CUT) | (labels[hider] != labels[mine])))
+
+
+def _front_seen(members: Float[np.ndarray, "n 3"], sensor_xy: Float[np.ndarray, "2"]) -> bool:
+    """Whether the nearest part of an object is a front, and not the level part of a top."""
+    away = np.hypot(*(members[:, :2] - sensor_xy).T)
+    near = members[away < np.quantile(away, 0.03) + FRONT_M, 2]
+    low, high = np.quantile(near, (0.1, 0.9))
+    return bool(high - low > FRONT_M)
+
+
+def _with_hidden_front(seen: Cluster, sensor_xy: Float[np.ndarray, "2"]) -> Cluster:
+    """A cluster whose near end is not seen: how far away its centre is remains open."""
+    ahead = seen.centre - sensor_xy
+    ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
+    return replace(
+        seen, whole=False, covariance=seen.covariance + HIDDEN_M**2 * np.outer(ahead, ahead)
+    )
 
 
 def _label_objects(

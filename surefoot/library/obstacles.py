@@ -10,7 +10,7 @@ from perception.depth import points
 from perception.floor import classify
 from perception.floor.classify import ClassConfig
 from perception.floor.levelling import camera_above_floor
-from perception.floor.segmented_view import SegmentedView, truncated, uppermost
+from perception.floor.segmented_view import SegmentedView, lowermost, truncated, uppermost
 from perception.obstacles import clustering
 from perception.obstacles.clustering import Cluster, ClusterConfig
 from perception.primitives.camera import Camera
@@ -87,6 +87,7 @@ def find_obstacles(
         ClusterConfig(robot_top_m=height_m + HEADROOM_M),
         truncated(view, cloud.of(rising), reach),
         uppermost=uppermost(view, cloud.of(rising)),
+        lowermost=lowermost(view, cloud.of(rising), reach),
         sensor_height_m=floor.offset_m,
         pitch_rad=1.0 / camera.fy,
     )

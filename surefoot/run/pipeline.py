@@ -20,7 +20,7 @@ from perception.depth.health import DepthHealth
 from perception.depth.sources import DepthSources
 from perception.estimate import Estimate
 from perception.floor import choose, classify
-from perception.floor.segmented_view import SegmentedView, Sight, truncated, uppermost
+from perception.floor.segmented_view import SegmentedView, Sight, lowermost, truncated, uppermost
 from perception.localisation import landmarks
 from perception.localisation.filter import PoseFilter, UpdateReport
 from perception.localisation.given_poses import GivenPoses
@@ -244,7 +244,7 @@ class Pipeline:
         )
         own = [view.points.of(k) for view, k in zip(views, rising, strict=True)]
         sensor = T_body_map.apply(views[0].T_map_camera.position)[:2]
-        cut, bands, in_space, upper, before = [], [], [], [], 0
+        cut, bands, in_space, upper, lower, before = [], [], [], [], [], 0
         for view, chosen in zip(views, own, strict=True):
             reach = self.config.reach.of(view.sensor)
             others = [other for other in views if other is not view]
@@ -252,6 +252,7 @@ class Pipeline:
             cut.append(np.where(beside >= 0, beside + before, beside))
             before += len(chosen)
             upper.append(uppermost(view, chosen))
+            lower.append(lowermost(view, chosen, reach, others))
             bands.append(classify.band(chosen, view.floor, self.config.classes))
             in_space.append((T_body_map @ view.T_map_camera).apply(chosen.xyz))
         found = clustering.cluster(
@@ -262,6 +263,7 @@ class Pipeline:
             np.concatenate(cut),
             np.concatenate(bands),
             np.concatenate(upper),
+            np.concatenate(lower),
             views[0].floor.offset_m,
             max(self.config.reach.of(v.sensor).stride / v.depth.camera.fy for v in views),
         )

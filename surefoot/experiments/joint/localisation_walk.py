@@ -20,7 +20,7 @@ from perception.depth import points, time_of_flight
 from perception.floor import choose, classify
 from perception.floor.levelling import level
 from perception.floor.prior import kinematic_prior
-from perception.floor.segmented_view import SegmentedView, truncated, uppermost
+from perception.floor.segmented_view import SegmentedView, lowermost, truncated, uppermost
 from perception.obstacles.clustering import cluster
 from perception.obstacles.track import Detection
 from perception.primitives.frame import Frame
@@ -174,6 +174,7 @@ def segment_frame(
         config.clusters,
         truncated(view, cloud.of(rising), reach),
         uppermost=uppermost(view, cloud.of(rising)),
+        lowermost=lowermost(view, cloud.of(rising), reach),
         sensor_height_m=plane.offset_m,
         pitch_rad=reach.stride / depth.camera.fy,
     )

@@ -13,6 +13,7 @@ from perception.floor.segmented_view import (
     WHOLE,
     SegmentedView,
     Sight,
+    lowermost,
     sees_through,
     truncated,
 )
@@ -68,6 +69,18 @@ def test_a_wider_view_with_depth_beyond_the_border_removes_the_truncation(side):
     assert not is_whole(near)
     assert is_whole(near, [post(WIDE, side * 0.18, 0.5)])
     assert not is_whole(near, [post(WIDE, side * 0.18, 0.5, blank=True)])
+
+
+@pytest.mark.parametrize("stride", [1, 2, 7])
+def test_what_reaches_the_lower_border_is_lowermost_unless_another_view_sees_below(stride):
+    near, reach = post(NARROW, 0.0, 0.5), ReachConfig(0.15, 3.0, stride)
+    cloud = from_depth(near.depth, reach.nearest_m, reach.farthest_m, stride)
+    row = cloud.pixels // NARROW.width
+    found = lowermost(near, cloud, reach)
+    assert found[row == row.max()].all()
+    assert not found[row < 110].any()
+    assert not lowermost(near, cloud, reach, [post(WIDE, 0.0, 0.5)]).any()
+    assert (lowermost(near, cloud, reach, [post(WIDE, 0.0, 0.5, blank=True)]) == found).all()
 
 
 def test_points_at_the_nearest_depth_are_truncated():

@@ -73,7 +73,7 @@ def noisy(d, t, height, rng, noise):
 
 
 def see_from_above(camera, sensor_m, pitch_rad, box, stride=1, noise_per_m=0.003):
-    """Points of a box at least 3 cm above the floor, by a pinhole camera pitched down, and their deviations.
+    """Points of a box at least 3 cm above the floor, by a pinhole camera pitched down; their deviations and rows.
 
     Args:
         camera: Its intrinsics.
@@ -93,7 +93,8 @@ def see_from_above(camera, sensor_m, pitch_rad, box, stride=1, noise_per_m=0.003
     z = z[hit] + sigma * np.random.default_rng(0).normal(size=len(sigma))
     points = T.position + rays[hit] * z[:, None]
     rises = points[:, 2] > 0.03
-    return points[rises], sigma[rises]
+    row = np.flatnonzero(hit) // camera.rays[0, ::stride].shape[0] * stride
+    return points[rises], sigma[rises], row[rises]
 
 
 def lifted(points, height):
@@ -179,7 +180,7 @@ def test_a_box_before_the_feet_of_a_tall_robot_is_one_cluster(sensor_m, ahead_m)
     """Pixels lie as densely as their range, not their distance on the floor, tells."""
     box = np.array([[ahead_m, -0.2, 0.0], [ahead_m + 0.3, 0.2, 0.35]])
     pitch = math.atan2(sensor_m - 0.175, ahead_m + 0.15)
-    points, sigma = see_from_above(KINECT, sensor_m, pitch, box, stride=2)
+    points, sigma, _ = see_from_above(KINECT, sensor_m, pitch, box, stride=2)
     (found,) = cluster(
         points, sigma, np.zeros(2), sensor_height_m=sensor_m, pitch_rad=2.0 / KINECT.fy
     )
@@ -187,6 +188,38 @@ def test_a_box_before_the_feet_of_a_tall_robot_is_one_cluster(sensor_m, ahead_m)
     error = found.centre - box[:, :2].mean(axis=0)
     assert error @ np.linalg.solve(found.covariance, error) < 4.0
     assert found.radius_m == pytest.approx(0.25, abs=0.06)
+
+
+@pytest.mark.parametrize(
+    ("sensor_m", "pitch_deg", "ahead_m", "whole"),
+    [
+        (1.6, 35.0, 1.3, True),  # floor is seen before it
+        (1.6, 25.0, 1.3, True),  # the foot of its front is cut
+        (1.6, 25.0, 1.0, False),  # only the farther part of its top is seen
+        (1.6, 25.0, 0.9, False),
+        (
+            0.46,
+            10.0,
+            0.5,
+            True,
+        ),  # a small robot before it: the front is cut at a third of its height
+    ],
+)
+def test_a_box_whose_front_is_below_the_image_is_truncated(sensor_m, pitch_deg, ahead_m, whole):
+    box = np.array([[ahead_m, -0.2, 0.0], [ahead_m + 0.3, 0.2, 0.35]])
+    points, sigma, row = see_from_above(KINECT, sensor_m, math.radians(pitch_deg), box, stride=2)
+    (found,) = cluster(
+        points,
+        sigma,
+        np.zeros(2),
+        lowermost=row >= 236,
+        sensor_height_m=sensor_m,
+        pitch_rad=2.0 / KINECT.fy,
+    )
+    assert found.placed == whole
+    error = found.centre - box[:, :2].mean(axis=0)
+    assert error @ np.linalg.solve(found.covariance, error) < 4.0
+    assert math.sqrt(found.covariance[1, 1]) < 0.05  # its sides are seen
 
 
 def test_separate_objects_are_separate_clusters_and_the_nearest_comes_first():

@@ -179,6 +179,17 @@ def test_the_centre_of_an_object_whose_top_is_seen_is_that_of_its_outline(kind):
     assert np.mean(squares) < 1.5
 
 
+@pytest.mark.parametrize(("ahead_m", "placed"), [(1.0, True), (0.6, False)])
+def test_an_obstacle_whose_front_lies_below_the_image_is_not_placed(ahead_m, placed):
+    """A box 0.3 m deep; the lowest row looks at the height of its top 0.52 m ahead."""
+    rng = np.random.default_rng(0)
+    camera, depth = seen_from_above("box", ahead_m, 0.0, (0.15, 0.2), 0.35, rng)
+    (found,) = surefoot.find_obstacles(depth, camera)
+    assert found.placed == placed
+    error = found.centre - [ahead_m, 0.0]
+    assert error @ np.linalg.solve(found.covariance, error) < 4.0
+
+
 def test_the_footprint_of_a_block_is_its_rectangle():
     x, y, z = np.meshgrid(
         np.arange(1, 1.51, 0.02), np.arange(0, 0.31, 0.02), np.arange(0.02, 0.4, 0.02)
