@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..primitives.errors import ConfigError
 from ..primitives.settings import setting
+
+NARROW = 160  # ours: columns; of a narrower image every pixel is used
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class ReachesConfig:
     stereo: ReachConfig = ReachConfig(0.20, 2.0, 2)  # seed 003: to 3 m; beyond 2 m TOF is better
     depth: ReachConfig = ReachConfig(0.30, 4.0, 2)  # Kinect: quantised to centimetres beyond 4 m
 
-    def of(self, source: str) -> ReachConfig:
-        """The range of a depth source; a user's own has that of an RGB-D camera."""
+    def of(self, source: str, width: int = NARROW) -> ReachConfig:
+        """The range of a depth source with images of that width, px; a user's own has that of an RGB-D camera."""
         found: ReachConfig = getattr(self, source, self.depth)
-        return found
+        return replace(found, stride=1) if width < NARROW else found

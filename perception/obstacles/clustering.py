@@ -33,6 +33,7 @@ from .row_gaps import NEIGHBOURS, Plan, Sensor, with_level
 
 ENOUGH = 1000  # points of a cluster that its measurement uses at most
 CELL_POINTS = 3.0  # ours: least points in a cell, scaled to 2 m; fewer are flying pixels
+COARSE_RAD = 1 / 130  # ours: between two pixels; a cell needs fewer points of a coarser image
 TRUNCATED_POINTS = 3  # ours: points at a truncation that make a cluster truncated
 FRONT_M = 0.05  # ours: a front rises more than this within this depth
 HIDDEN_M = 1.0  # ours: deviation along the ray of a centre whose front is not seen
@@ -206,7 +207,7 @@ def cluster(
         if height < max(config.least_height_m, band):
             continue
         above = -math.inf if cut_above else sensor_height_m - height
-        measured = _measure(members, sigma[mine], int(last - first), sensor_xy, height, above)
+        measured = _measure(members, sigma[mine], int(last - first), sensor, height, above)
         if cut_below and not _front_seen(members, sensor_xy):
             measured = _with_hidden_front(measured, sensor_xy)
         elif not whole:
@@ -255,7 +256,8 @@ def _label_objects(
     rows, columns = int(row.max()) + 1, int(column.max()) + 1
     flat = row * columns + column
     plan = Plan(flat, (rows, columns), first * config.cell_m, config.cell_m)
-    occupied, tops = with_level(points[:, 2], weight, sensor, plan, CELL_POINTS)
+    least = CELL_POINTS * COARSE_RAD / max(sensor.pitch_rad, COARSE_RAD)
+    occupied, tops = with_level(points[:, 2], weight, sensor, plan, least)
     labels, count = ndimage.label(occupied, NEIGHBOURS)
     longest = MERGED_M / config.cell_m
     for number, box in enumerate(ndimage.find_objects(labels), start=1):
@@ -310,13 +312,16 @@ def _measure(
     members: Float[np.ndarray, "n 3"],
     sigma: Float[np.ndarray, "n"],
     count: int,
-    sensor_xy: Float[np.ndarray, "2"],
+    sensor: Sensor,
     height_m: float,
     sensor_above_m: float,
 ) -> Cluster:
-    """Disc, covariance and rectangle of one object, whose top the sensor is above by some height."""
+    """Disc, covariance and rectangle of one object, whose top the sensor is above by some height.
+
+    The far edge of a top lies between its last row of pixels and the next one, wherever is equally likely.
+    """
     mean = members[:, :2].mean(axis=0)
-    ahead = mean - sensor_xy
+    ahead = mean - sensor.xy
     ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
     axes = np.stack([ahead, [-ahead[1], ahead[0]]])  # along the ray, across it
     local = (members[:, :2] - mean) @ axes.T
@@ -324,22 +329,26 @@ def _measure(
     across = (right - left) / 2.0
     depth_seen = farthest - nearest
     noise = float(np.mean(sigma))
-    away = float(np.linalg.norm(mean - sensor_xy))
+    away = float(np.linalg.norm(mean - sensor.xy))
     place = math.hypot(PLACE_SIGMA_M, PLACE_SIGMA_PER_M * away)
-    top_seen = sensor_above_m > LEAST_SLOPE * away
+    top_seen, gap = sensor_above_m > LEAST_SLOPE * away, 0.0
+    if top_seen:
+        gap = sensor.pitch_rad * (away**2 + sensor_above_m**2) / sensor_above_m
+        top_seen = gap < across
     if across <= ROUND_M and depth_seen <= 2.0 * ROUND_M:
         nearness = across / max(away, across)
         push = math.pi / 4.0 * across * (1.0 + NEARNESS[1] * nearness)
         across *= 1.0 if top_seen else 1.0 + NEARNESS[0] * nearness
         along = max(push, nearest + depth_seen / 2.0)
         if top_seen:
-            along = _middle_of_evenly_spread(local[:, 0])
+            along = _middle_of_evenly_spread(local[:, 0]) + gap / 4.0
         middle = np.array([along, (left + right) / 2.0])
         middle_local = local - middle
         reach = np.quantile(np.hypot(middle_local[:, 0], middle_local[:, 1]), 0.9)
         radius = max(across, float(reach) - 1.28 * noise)  # 90 % quantile of the noise
         shape = SHAPE_PER_M * radius**2
-        sigmas = np.array([math.hypot(SEEN * shape if top_seen else shape, place), SEEN * shape])
+        unsure = math.hypot(SEEN * shape, gap / math.sqrt(48.0)) if top_seen else shape
+        sigmas = np.array([math.hypot(unsure, place), SEEN * shape])
     else:
         middle = np.array([(nearest + farthest) / 2.0, (left + right) / 2.0])
         radius = math.hypot(across, depth_seen / 2.0)

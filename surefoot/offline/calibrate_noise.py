@@ -135,7 +135,7 @@ def calibrate(recording: Recording, config: Config, say: Say) -> NoiseSettings:
                 published = DistortionConfig().of(sensor)
                 calibrators[sensor] = Calibrator(published, rng, config.floor)
                 frames[sensor] = surfaces[sensor] = 0
-            reach = config.reach.of(sensor)
+            reach = config.reach.of(sensor, depth.camera.width)
             cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
             frames[sensor] += 1
             surfaces[sensor] += calibrators[sensor].add(cloud, frame.T_world_camera)

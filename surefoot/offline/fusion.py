@@ -78,7 +78,7 @@ class Fusion:
 
 def add_to_map(world: WorldMap, image: PlacedImage, stamp_s: float, config: Config) -> None:
     """Add an image to the map of the whole run, as the pipeline does with its views."""
-    reach = config.reach.of(image.sensor)
+    reach = config.reach.of(image.sensor, image.depth.camera.width)
     points = from_depth(image.depth, reach.nearest_m, reach.farthest_m, reach.stride)
     below = image.floor.moved(image.T_map_camera.inverse())
     classes = classify.classify(points, below, config.classes)

@@ -180,7 +180,7 @@ class Pipeline:
 
     def _segment(self, sensor: str, depth: Depth) -> SegmentedView | None:
         """Points, floor and classes of one depth image; None if the floor is neither visible nor expected."""
-        reach = self.config.reach.of(sensor)
+        reach = self.config.reach.of(sensor, depth.camera.width)
         cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
         expected = self.pose_source.expected_floor(depth.T_body_camera)
         floor = choose.find(cloud, expected, self.rng, self.floor_config, sensor)
@@ -244,9 +244,10 @@ class Pipeline:
         )
         own = [view.points.of(k) for view, k in zip(views, rising, strict=True)]
         sensor = T_body_map.apply(views[0].T_map_camera.position)[:2]
-        cut, bands, in_space, upper, lower, before = [], [], [], [], [], 0
+        cut, bands, in_space, upper, lower, pitches, before = [], [], [], [], [], [], 0
         for view, chosen in zip(views, own, strict=True):
-            reach = self.config.reach.of(view.sensor)
+            reach = self.config.reach.of(view.sensor, view.depth.camera.width)
+            pitches.append(reach.stride / view.depth.camera.fy)
             others = [other for other in views if other is not view]
             beside = truncated(view, chosen, reach, others)
             cut.append(np.where(beside >= 0, beside + before, beside))
@@ -265,7 +266,7 @@ class Pipeline:
             np.concatenate(upper),
             np.concatenate(lower),
             views[0].floor.offset_m,
-            max(self.config.reach.of(v.sensor).stride / v.depth.camera.fy for v in views),
+            max(pitches),
         )
         found = legs.joined(found)
         points_in_body = np.concatenate(in_space)

@@ -222,6 +222,20 @@ def test_a_box_whose_front_is_below_the_image_is_truncated(sensor_m, pitch_deg, 
     assert math.sqrt(found.covariance[1, 1]) < 0.05  # its sides are seen
 
 
+@pytest.mark.parametrize("columns", [64, 80, 100, 160, 320])
+@pytest.mark.parametrize("ahead_m", [0.7, 1.0, 1.3, 1.7, 2.2, 2.6])
+def test_the_coarser_an_image_the_less_is_known_of_the_far_edge_of_a_top(columns, ahead_m):
+    """A camera at 0.7 m, pitched 25 degrees, before a box 0.3 m deep; few rows of pixels meet its top."""
+    f = 0.82 * columns
+    camera = Camera(columns, columns * 3 // 4, f, f, (columns - 1) / 2, (columns * 3 // 4 - 1) / 2)
+    box = np.array([[ahead_m, -0.2, 0.0], [ahead_m + 0.3, 0.2, 0.35]])
+    points, sigma, _ = see_from_above(camera, 0.7, math.radians(25.0), box)
+    (found,) = cluster(points, sigma, np.zeros(2), sensor_height_m=0.7, pitch_rad=1.0 / f)
+    error = found.centre - box[:, :2].mean(axis=0)
+    assert error @ np.linalg.solve(found.covariance, error) < 4.0
+    assert found.radius_m == pytest.approx(0.25, abs=0.05)
+
+
 def test_separate_objects_are_separate_clusters_and_the_nearest_comes_first():
     rng = np.random.default_rng(3)
     seen = [
