@@ -3,7 +3,8 @@
 CSV: one line per pose, row by row, with or without a header and a first column of stamps (as of trajectories). The count tells
 what a line holds: 36 a full 6x6 matrix, 21 its upper triangle, over (x, y, z, rotation vector); 9 and 6 the same of a
 3x3 matrix, over (x, y, yaw) if a name of the header contains "yaw" or "theta", else over (x, y, z). Units are m and
-rad. Of a table with other columns, those count whose names begin with "P_", P and a digit, "cov" or "aligned_".
+rad. Columns whose names in the header begin with "sigma", "std", "sd" or "var" are the standard deviations or
+variances of x, y, z (or x, y, yaw, or x, y, z, roll, pitch, yaw), without correlations. Of a table with other columns, those count whose names begin with "P_", P and a digit, "cov" or "aligned_".
 
 g2o: vertices VERTEX_SE3:QUAT or VERTEX_SE2 with edges EDGE_SE3:QUAT or EDGE_SE2. The joint covariance of all vertices
 follows from the information of the edges.
@@ -27,7 +28,7 @@ from perception.primitives.errors import InputError
 from ..results.gauge import without_gauge
 from ..results.tables import Trajectory, text_lines
 from .foreign_graph import PoseGraph, read_g2o
-from .foreign_trajectory import ForeignTrajectory, data_lines, numbers_of, seconds
+from .foreign_trajectory import ForeignTrajectory, column_names, data_lines, numbers_of, seconds
 from .metrics.gauge_alignment import floor_gauge, floor_transport
 from .metrics.trajectory import MAX_DIFFERENCE_S, associate
 
@@ -37,6 +38,11 @@ UNFIT = "unfit"
 GROWS = 0.1  # ours: of a localiser the first covariance is as large as the others, of odometry it is nearly zero
 _SIZES = {36: (6, False), 21: (6, True), 9: (3, False), 6: (3, True)}
 _COVARIANCE = re.compile(r"P[_\d]|(?i:cov)")
+_SPREAD = re.compile(
+    r"(?P<kind>sigma|std|stddev|sd|var|variance)_?(?P<part>.*?)(_(m|rad)2?| ?\[(m|rad)\^?2?\])?",
+    re.IGNORECASE,
+)
+_DIAGONALS = (["x", "y", "z"], ["x", "y", "yaw"], ["x", "y", "theta"], ["x", "y", "z", "roll", "pitch", "yaw"])  # fmt: skip
 _SAME_M = 1e-3  # ours: a vertex is at the pose of the trajectory that is this close
 
 WORDS = {
@@ -252,7 +258,11 @@ def _table(
             )
         rows.append(row)
     table = np.array(rows)
-    names = _names(path, width)
+    names = column_names(path, width)
+    spread = [i for i, name in enumerate(names) if _SPREAD.fullmatch(name)]
+    if spread and len(spread) >= width - 1:
+        stamps = None if spread[0] == 0 else seconds(path, table[:, 0])
+        return stamps, *_of_sigmas(path, [names[i] for i in spread], table[:, spread])
     chosen = [i for i, name in enumerate(names) if name.startswith("aligned_")] or [
         i for i, name in enumerate(names) if _COVARIANCE.match(name)
     ]
@@ -271,16 +281,24 @@ def _table(
     )
 
 
-def _names(path: Path, width: int) -> list[str]:
-    """Names of the columns: a line of words above the numbers, a comment or not."""
-    for line in text_lines(path):
-        words = line.strip().lstrip("#").replace(";", ",").split(",")
-        names = [word.strip() for word in words]
-        if len(names) == width and not numbers_of(names):
-            return names
-        if numbers_of(names):
-            break
-    return []
+def _of_sigmas(
+    path: Path, names: list[str], values: Float[np.ndarray, "n c"]
+) -> tuple[list[str], Float[np.ndarray, "n k"]]:
+    """Names and upper triangles of the covariances of columns of standard deviations or variances."""
+    spreads = [_SPREAD.fullmatch(name) for name in names]
+    parts = [one["part"].lower() for one in spreads if one]
+    if parts not in _DIAGONALS:
+        raise InputError(
+            f"{path}: the header names the columns {', '.join(names)}; of standard deviations or variances "
+            "x, y, z (m), or x, y, yaw, or x, y, z, roll, pitch, yaw (rad) were expected; rename or reorder the columns"
+        )
+    squared = [
+        values[:, i] if one["kind"].lower().startswith("var") else values[:, i] ** 2
+        for i, one in enumerate(one for one in spreads if one)
+    ]
+    found = np.zeros((len(values), len(parts), len(parts)))
+    found[:, range(len(parts)), range(len(parts))] = np.stack(squared, axis=1)
+    return parts, found[:, *np.triu_indices(len(parts))]
 
 
 def _matrices(

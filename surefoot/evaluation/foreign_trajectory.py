@@ -6,11 +6,14 @@
 | KITTI | the 12 numbers of a 3x4 matrix, row by row | none: the number of the line |
 | EuRoC | stamp, tx, ty, tz, qw, qx, qy, qz and further columns, with commas | ns |
 
+Where a header names the columns of the quaternion, its order is that of the names.
+
 Source: Sturm et al. 2012 (TUM), Geiger et al. 2012 (KITTI), Burri et al. 2016 (EuRoC).
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,7 +31,8 @@ UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 SINCE_1970_S = (9e8, 5e9)  # years 1998 to 2128
 SPACING_S = (1e-3, 10.0)  # ours: of poses, on a clock that began elsewhere
 WIDEST_S = 100.0  # ours: of poses, on a clock that began in 1970
-_ORDER = {TUM: (4, 5, 6, 7), EUROC: (5, 6, 7, 4)}  # columns of qx, qy, qz, qw
+_ORDER = {TUM: [4, 5, 6, 7], EUROC: [5, 6, 7, 4]}  # columns of qx, qy, qz, qw
+_QUATERNION = re.compile(r"(?:q|.*quat|.*orient|.*rot|r_?(?=[wxyz]$)).*?([wxyz])$")
 _TOLERANCE = 0.01  # ours: of lengths of quaternions and of R R^T; four printed digits leave 1e-4
 
 
@@ -67,7 +71,7 @@ def read_trajectory(path: Path) -> ForeignTrajectory:
         raise InputError(f"{path} holds no poses; expected lines of TUM, KITTI or EuRoC")
     kind = _kind(path, lines)
     width = 12 if kind == KITTI else 8
-    rows = []
+    numbers = []
     for line, found, _ in lines:
         row = numbers_of(found)
         right = len(row) >= width if kind == EUROC else len(row) == width
@@ -76,8 +80,8 @@ def read_trajectory(path: Path) -> ForeignTrajectory:
                 f"{path}, line {line}: {' '.join(found)[:60]!r} is not a pose; "
                 f"expected {width} finite numbers as in the lines before ({kind})"
             )
-        rows.append(row[:width])
-    table = np.array(rows)
+        numbers.append(row[:width])
+    table = np.array(numbers)
     positions = table[:, [3, 7, 11]] if kind == KITTI else table[:, 1:4]
     far = np.flatnonzero(np.abs(positions).max(axis=1) > FARTHEST_M)
     if len(far):
@@ -89,17 +93,18 @@ def read_trajectory(path: Path) -> ForeignTrajectory:
             str(path), kind, _of_matrices(path, table, lines), np.arange(len(table)), len(table)
         )
     stamps = seconds(path, table[:, 0])
-    quats = table[:, _ORDER[kind]]
+    order = _named_order(path, len(lines[0][1])) or _ORDER[kind]
+    quats = table[:, order]
     lengths = np.linalg.norm(quats, axis=1)
     wrong = np.flatnonzero(np.abs(lengths - 1.0) > _TOLERANCE)
     if len(wrong):
         raise InputError(
             f"{path}, line {lines[wrong[0]][0]}: the quaternion has length {lengths[wrong[0]]:.3f}, not 1; "
-            f"read as {kind} ({'qw qx qy qz' if kind == EUROC else 'qx qy qz qw'} after the position)"
+            f"read as {kind} ({'qw qx qy qz' if order == _ORDER[EUROC] else 'qx qy qz qw'} after the position)"
         )
-    order = np.unique(stamps, return_index=True)[1]
+    rows = np.unique(stamps, return_index=True)[1]
     poses = Trajectory(stamps, table[:, 1:4], quats / lengths[:, None])
-    return ForeignTrajectory(str(path), kind, _picked(poses, order), order, len(table))
+    return ForeignTrajectory(str(path), kind, _picked(poses, rows), rows, len(table))
 
 
 def data_lines(path: Path) -> list[tuple[int, list[str], bool]]:
@@ -117,6 +122,37 @@ def data_lines(path: Path) -> list[tuple[int, list[str], bool]]:
         elif words:
             found.append((number, words, "," in text or ";" in text))
     return found
+
+
+def column_names(path: Path, width: int) -> list[str]:
+    """Names of the columns: the last line of as many words above the numbers, a comment or not; empty without one."""
+    found: list[str] = []
+    for line in text_lines(path):
+        text = line.strip().lstrip("#").strip().replace(";", ",").rstrip(",")
+        names = [word.strip() for word in (text.split(",") if "," in text else text.split())]
+        if numbers_of(names):
+            break
+        if len(names) == width:
+            found = names
+    return found
+
+
+def _named_order(path: Path, width: int) -> list[int]:
+    """Columns of qx, qy, qz, qw by the header; empty if it names none.
+
+    Raises:
+        InputError: The names contradict the formats.
+    """
+    names = [re.sub(r"[\[(].*", "", name).strip().lower() for name in column_names(path, width)]
+    found = {i: name[-1] for i, name in enumerate(names[:8]) if _QUATERNION.match(name)}
+    if not found:
+        return []
+    if sorted(found) != [4, 5, 6, 7] or sorted(found.values()) != list("wxyz"):
+        raise InputError(
+            f"{path}: the header names the columns {', '.join(names)}; expected a stamp, the position x, y, z, then "
+            "qx, qy, qz and qw in any order; reorder or rename the columns"
+        )
+    return sorted(found, key=lambda i: "xyzw".index(found[i]))
 
 
 def numbers_of(words: list[str]) -> list[float]:

@@ -68,13 +68,18 @@ def write_page(folder: RunFolder, verdict: Verdict, command: Sequence[str]) -> P
     return folder.write_text(PAGE, text)
 
 
+def _short(number: float, digits: int = 2) -> str:
+    """A number with these decimals; a large one in scientific notation."""
+    return f"{number:.{digits}f}" if abs(number) < 1e4 else f"{number:.3g}"
+
+
 def headline(metrics: dict[str, Any]) -> tuple[str, bool | None]:
     """The verdict on the covariances in a few words, and whether it is good; None without covariances."""
     if "verdict" not in metrics:
         return "no covariances to judge", None
     if metrics["verdict"] == IN_BAND:
         return "the covariances hold", True
-    return f"{metrics['verdict']} by a factor of {metrics['factor']:.1f}", False
+    return f"{metrics['verdict']} by a factor of {_short(metrics['factor'], 1)}", False
 
 
 def lines(metrics: dict[str, Any]) -> list[str]:
@@ -89,8 +94,8 @@ def lines(metrics: dict[str, Any]) -> list[str]:
         return [*shown, str(metrics["note"])]
     shown += [
         str(metrics["covariances"]),
-        f"claims: {headline(metrics)[0]}; mean NEES {metrics['pose_anees']:.2f}, {metrics['pose_dof']:.0f} if exact, "
-        f"95 % band {metrics['pose_anees_low']:.2f} to {metrics['pose_anees_high']:.2f} "
+        f"claims: {headline(metrics)[0]}; mean NEES {_short(metrics['pose_anees'])}, {metrics['pose_dof']:.0f} if exact, "
+        f"95 % band {_short(metrics['pose_anees_low'])} to {_short(metrics['pose_anees_high'])} "
         f"({metrics['pose_effective_samples']:.0f} independent samples)",
     ]
     shown += [
@@ -112,8 +117,8 @@ def lines(metrics: dict[str, Any]) -> list[str]:
     if "inflation" in metrics:
         shown.append(
             f"90 % regions of {'motions' if 'motions' in metrics else 'poses'}, second half: {metrics['coverage_claimed']:.0%} inside as claimed, "
-            f"{metrics['coverage_inflated']:.0%} with sigmas times {metrics['inflation']:.2f}, "
-            f"{metrics['coverage_conformal']:.0%} with the conformal radius {metrics['conformal_radius']:.2f} "
+            f"{metrics['coverage_inflated']:.0%} with sigmas times {_short(metrics['inflation'])}, "
+            f"{metrics['coverage_conformal']:.0%} with the conformal radius {_short(metrics['conformal_radius'])} "
             f"(exact: {metrics['gaussian_radius']:.2f}), both fitted on the first half"
         )
     return shown
@@ -129,7 +134,7 @@ def _after(metrics: dict[str, Any]) -> str:
 
 
 def _by(one: dict[str, Any]) -> str:
-    return "" if one["verdict"] == IN_BAND else f" by a factor of {one['factor']:.1f}"
+    return "" if one["verdict"] == IN_BAND else f" by a factor of {_short(one['factor'], 1)}"
 
 
 def _cards(metrics: dict[str, Any]) -> list[Card]:
@@ -146,10 +151,10 @@ def _cards(metrics: dict[str, Any]) -> list[Card]:
             Card("Relative error (RPE)", f"{metrics['rpe_frame_m']:.4f} m", "RMS, pose to pose")
         )
     if "verdict" in metrics:
-        note = f"exact: {metrics['pose_dof']:.0f}; {metrics['pose_anees_low']:.2f} to {metrics['pose_anees_high']:.2f}"
+        note = f"exact: {metrics['pose_dof']:.0f}; {_short(metrics['pose_anees_low'])} to {_short(metrics['pose_anees_high'])}"
         met = metrics["verdict"] == IN_BAND
-        found.append(Card("Mean NEES", f"{metrics['pose_anees']:.2f}", note, met))
-        found.append(Card("Errors / sigmas", f"{metrics['sigma_factor']:.2f}", "1 if exact"))
+        found.append(Card("Mean NEES", f"{_short(metrics['pose_anees'])}", note, met))
+        found.append(Card("Errors / sigmas", f"{_short(metrics['sigma_factor'])}", "1 if exact"))
         found.append(Card("CRPS", f"{metrics['crps_m']:.4f} m", "position, mean of the axes"))
     if "coverage_conformal" in metrics:
         shown = f"{metrics['coverage_claimed']:.0%} / {metrics['coverage_conformal']:.0%}"

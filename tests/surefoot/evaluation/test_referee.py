@@ -37,7 +37,7 @@ from surefoot.evaluation.metrics.calibration import (
 from surefoot.evaluation.metrics.trajectory import align
 from surefoot.evaluation.referee import judge_files
 from surefoot.offline.g2o import write_g2o
-from surefoot.report.referee_page import lines
+from surefoot.report.referee_page import headline, lines
 
 UPPER = np.triu_indices(6)
 ELSEWHERE = Pose3.from_rotation(
@@ -310,6 +310,64 @@ def test_covariances_that_do_not_belong_are_refused_with_the_reason(tmp_path, te
     (tmp_path / "bad.csv").write_text(text)
     with pytest.raises(InputError, match=message):
         read_claims(tmp_path / "bad.csv", read_trajectory(found))
+
+
+def test_a_header_tells_the_order_of_the_quaternion(tmp_path):
+    found, _, _ = Walk(0, n=20).write(tmp_path)
+    table = np.loadtxt(found)
+    np.savetxt(
+        tmp_path / "w.csv", table[:, [0, 1, 2, 3, 7, 4, 5, 6]], delimiter=",", fmt="%.17g",
+        header="timestamp,tx,ty,tz,qw,qx,qy,qz", comments="",
+    )  # fmt: skip
+    read = read_trajectory(tmp_path / "w.csv").poses.quats_xyzw
+    np.testing.assert_allclose(read, read_trajectory(found).poses.quats_xyzw, atol=1e-12)
+    np.savetxt(
+        tmp_path / "first.csv", table[:, [0, 4, 5, 6, 7, 1, 2, 3]], delimiter=",",
+        header="timestamp,qx,qy,qz,qw,tx,ty,tz", comments="",
+    )  # fmt: skip
+    with pytest.raises(InputError, match="the header names the columns timestamp, qx"):
+        read_trajectory(tmp_path / "first.csv")
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "expected"),
+    [
+        ("stamp,sigma_x,sigma_y,sigma_z", [0.1, 0.2, 0.3], [0.01, 0.04, 0.09]),
+        ("stamp,var_x,var_y,var_yaw", [0.1, 0.2, 0.3], [0.1, 0.2, 0.3]),
+        (
+            "stamp,std_x_m,std_y_m,std_z_m,std_roll_rad,std_pitch_rad,std_yaw_rad",
+            [0.1, 0.1, 0.1, 0.2, 0.2, 0.2],
+            [0.01, 0.01, 0.01, 0.04, 0.04, 0.04],
+        ),
+    ],
+)
+def test_columns_named_as_standard_deviations_or_variances_are_read_as_such(
+    tmp_path, header, row, expected
+):
+    walk = Walk(0, n=20)
+    found, _, _ = walk.write(tmp_path)
+    rows = [[stamp, *row] for stamp in walk.stamps]
+    np.savetxt(tmp_path / "s.csv", rows, delimiter=",", header=header, comments="")
+    claims = read_claims(tmp_path / "s.csv", read_trajectory(found))
+    np.testing.assert_allclose(claims.covariances[5], np.diag(expected), atol=1e-12)
+
+
+def test_standard_deviations_in_degrees_are_refused(tmp_path):
+    found, _, _ = Walk(0, n=20).write(tmp_path)
+    header = "sigma_x,sigma_y,sigma_z,sigma_roll_deg,sigma_pitch_deg,sigma_yaw_deg"
+    np.savetxt(tmp_path / "s.csv", np.ones((21, 6)), delimiter=",", header=header, comments="")
+    with pytest.raises(InputError, match=r"the header names the columns sigma_x.*expected"):
+        read_claims(tmp_path / "s.csv", read_trajectory(found))
+
+
+def test_a_factor_beyond_reason_is_printed_in_few_digits(tmp_path):
+    walk = Walk(0, n=60)
+    found, _, truth = walk.write(tmp_path)
+    tiny = np.tile(1e-300 * np.eye(6)[UPPER], (61, 1))
+    np.savetxt(tmp_path / "c.csv", tiny, delimiter=",", fmt="%.17g")
+    metrics = judge_files(found, tmp_path / "c.csv", truth).metrics
+    assert max(len(line) for line in lines(metrics)) < 200
+    assert "e+" in headline(metrics)[0]
 
 
 def test_of_two_covariances_for_one_pose_the_first_counts(tmp_path):
