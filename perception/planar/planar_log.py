@@ -20,6 +20,9 @@ INTERVAL_S = 0.1  # ours: longest time between two instants
 JUMP = 2.0  # ours: speed of a jump over the speeds of the log
 AROUND = 7  # ours: steps whose median replaces a jump
 LEAST_S = 1e-3  # ours: a shorter step has no speed
+LONGEST_GAP_S = 3600.0  # ours: between two rows of one log
+LONGEST_S = 1e6  # ours: of a log; about 12 days
+LAST_S = 1.67e10  # ours: in 2499; stamps in ms or ns are later
 UNKNOWN = Gaussian(np.zeros(3), np.eye(3))
 """Start of a journey whose start nobody uses."""
 
@@ -53,6 +56,14 @@ class PlanarLog:
         if np.any(np.diff(self.stamps_s) < 0.0) or np.any(np.diff(self.seen_s) < 0.0):
             raise InputError(
                 "log: stamps go back in time; sort odometry and sightings by their stamps"
+            )
+        start, end = self.stamps_s[[0, -1]]
+        gap = float(np.diff(self.stamps_s).max())
+        if not (end <= LAST_S and end - start <= LONGEST_S and gap <= LONGEST_GAP_S):
+            raise InputError(
+                f"log: odometry from {start:.10g} to {end:.10g} s, with gaps up to {gap:.10g} s; at most {LONGEST_S:g} s "
+                f"without gaps over {LONGEST_GAP_S:g} s were expected, before the year 2500. The stamps are in another "
+                "unit than s, or the clock was set: correct them"
             )
 
     def without_jumps(self) -> PlanarLog:

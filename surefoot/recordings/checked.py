@@ -50,7 +50,7 @@ class CheckedRecording:
         Raises:
             RecordingError: None is left.
         """
-        self._log = log = SkipLog()
+        self._log = log = SkipLog(self.info.name)
         frames = with_following(self._recording.frames(), lambda one: one.stamp_s)
         for number, (frame, following) in enumerate(frames):
             try:

@@ -99,6 +99,8 @@ class EurocRecording(StereoRecording):
         RecordingError: There is no pair.
     """
 
+    SOURCE = "names of the images of EuRoC are read as ns"
+
     def __init__(
         self,
         path: Path,

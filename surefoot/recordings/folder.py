@@ -118,7 +118,7 @@ class FolderRecording:
         Raises:
             RecordingError: No frame can be read, or the depth of the first one is not that of a room.
         """
-        skips = self._skips = SkipLog()
+        skips = self._skips = SkipLog(self._path)
         self._without_colour = []
         for files, following, reading in self._ahead():
             try:

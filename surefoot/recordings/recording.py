@@ -20,6 +20,7 @@ from perception.primitives.pose import Pose2
 DESCRIPTION_FILE = "recording.toml"
 """What a user tells about a folder, see `description`."""
 LAST_STAMP_S = 1.67e10  # ours: in 2499; stamps in ms or ns are later, and MCAP ends in 2554
+INTERVALS_S = (2e-4, 3600.0)  # ours: between two frames of one recording
 FOLLOWING = 8  # ours: stamps that show whether the one before is too late; four in a row may be
 T = TypeVar("T")
 
@@ -100,12 +101,19 @@ class Recording(Protocol):
 
 
 class SkipLog:
-    """Counts the frames returned and skipped in one pass, and checks their stamps."""
+    """Counts the frames returned and skipped in one pass, and checks their stamps.
 
-    def __init__(self) -> None:
+    Args:
+        where: Recording, for messages.
+        source: How the reader takes stamps, for messages.
+    """
+
+    def __init__(self, where: Path | str = "", source: str = "stamps are read as s") -> None:
         self.skipped: list[SkippedFrame] = []
         self.returned = 0
-        self._out_of_order = 0
+        self._where = f"{where}: " if where else ""
+        self._source = source
+        self._by_stamp = 0
         self._stamp_s: float | None = None
 
     def skip(self, name: str, reason: str) -> None:
@@ -117,6 +125,8 @@ class SkipLog:
     ) -> None:
         """Raise a FrameError for a stamp that is impossible, not later than the one before, or too late.
 
+        Raise a RecordingError for intervals beyond `INTERVALS_S`: a wrong unit, or a clock that was set.
+
         Too late is a stamp if, of those that follow, as many go on from the stamp before as are late like it: the clock
         returns to its old course, and this stamp would cost all frames up to it. A clock that was set ahead does not.
 
@@ -126,21 +136,38 @@ class SkipLog:
             may_go_back: Accept an earlier one: the frames are in order, and their clock was set.
         """
         fault = _impossible(stamp_s, may_go_back)
-        if fault:
-            raise FrameError(fault)
-        if stamp_s == self._stamp_s:
-            raise FrameError("the stamp equals that of the frame before")
-        if may_go_back:
-            return
         before_s = -np.inf if self._stamp_s is None else self._stamp_s
         after = [one for one in following if before_s <= one and not _impossible(one)]
-        late = 2 * sum(one < stamp_s for one in after) > len(after)
-        if late or stamp_s < before_s:
-            self._out_of_order += 1
-        if late:
-            raise FrameError("the stamp is later than those of the frames after")
-        if stamp_s < before_s:
-            raise FrameError("the stamp is earlier than that of the frame before")
+        if not fault and stamp_s == before_s:
+            fault = "the stamp equals that of the frame before"
+        if not fault and not may_go_back:
+            if 2 * sum(one < stamp_s for one in after) > len(after):
+                fault = "the stamp is later than those of the frames after"
+            elif stamp_s < before_s:
+                fault = "the stamp is earlier than that of the frame before"
+        if fault:
+            self._by_stamp += 1
+            raise FrameError(fault)
+        if not may_go_back:
+            self._check_intervals(stamp_s, after)
+
+    def _check_intervals(self, stamp_s: float, after: Sequence[float]) -> None:
+        """Raise a RecordingError for a gap before a frame, or if the first frames are too near or too far apart."""
+        least, most = INTERVALS_S
+        steps = np.diff(np.unique([stamp_s, *after]))
+        if self._stamp_s is None and len(steps):
+            step = float(np.sort(steps)[(len(steps) - 1) // 2])
+            if not least <= step <= most:
+                raise RecordingError(
+                    f"{self._where}frames are {step:.3g} s apart (median of the first ones); {least:g} to {most:g} s "
+                    f"were expected. {self._source[:1].upper()}{self._source[1:]}{_likely(step)}; correct the stamps"
+                )
+        elif self._stamp_s is not None and stamp_s - self._stamp_s > most:
+            raise RecordingError(
+                f"{self._where}stamps jump from {self._stamp_s:.10g} to {stamp_s:.10g} s, after {self.returned} frames; "
+                f"at most {most:g} s between two frames were expected. The clock was set, or these are two recordings: "
+                "correct the stamps, or give the parts one by one"
+            )
 
     def note(self, stamp_s: float) -> None:
         """Record a frame that is returned."""
@@ -148,13 +175,13 @@ class SkipLog:
         self.returned += 1
 
     def check_use(self, where: Path | str) -> None:
-        """Raise a RecordingError after the last frame if none was returned, or if the order of stamps cost most of them."""
+        """Raise a RecordingError after the last frame if none was returned, or if their stamps cost most of them."""
         if self.returned == 0:
             raise RecordingError(f"{where}: no frame can be used{self.why()}")
-        if self._out_of_order > self.returned:
+        if self._by_stamp > self.returned:
             raise RecordingError(
-                f"{where}: {self.returned} of {self.returned + len(self.skipped)} frames can be used, because of the "
-                f"order of their stamps{self.why()}; correct the stamps"
+                f"{where}: {self.returned} of {self.returned + len(self.skipped)} frames can be used, because of "
+                f"their stamps{self.why()}; correct the stamps"
             )
 
     def why(self) -> str:
@@ -163,6 +190,18 @@ class SkipLog:
             return ""
         first = self.skipped[0]
         return f" ({len(self.skipped)} skipped; {first.name}: {first.reason})"
+
+
+def _likely(step_s: float) -> str:
+    """The unit that would make an interval likely, as the end of a message; empty if none does."""
+    if step_s < 1e-8:
+        return ", and may be numbers of frames"
+    for unit, scale in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
+        if step_s > 1.0 and 1e-3 <= step_s * scale <= 1.0:
+            return f", and may be in {unit}"
+        if step_s < 1.0 and 1e-3 <= step_s / scale < 1.0:
+            return f", and may be in a unit {1 / scale:g} times as long"
+    return ""
 
 
 def with_following(

@@ -80,6 +80,9 @@ def open_stereo(path: Path, description: Description | None = None) -> StereoRec
 class StereoRecording:
     """Stereo pairs, rectified.
 
+    Attributes:
+        SOURCE: How stamps are read, for messages.
+
     Args:
         path: Folder, for messages.
         info: Information about the recording.
@@ -91,6 +94,8 @@ class StereoRecording:
     Raises:
         RecordingError: There is no pair.
     """
+
+    SOURCE = "names of images are read as s with a fraction, or as ns"
 
     def __init__(
         self,
@@ -120,7 +125,7 @@ class StereoRecording:
         Raises:
             RecordingError: No pair can be read.
         """
-        skips = self._skips = SkipLog()
+        skips = self._skips = SkipLog(self._path, self.SOURCE)
         before: int | None = None
         pairs = with_following(self._files, lambda one: one[0])
         for number, ((stamp_s, *files), following) in enumerate(pairs):

@@ -27,6 +27,8 @@ OBSTACLE = ("present", "x_m", "y_m", "vx_mps", "vy_mps", *STATE, "radius_m", "he
 POSE_NAMES = ("x_m", "y_m", "z_m", "yaw_rad")
 STEP_NAMES, HEAD_NAMES = ("forward_m", "lateral_m", "turn_rad"), ("pan_rad", "tilt_rad")
 MOST_FPS = 120
+MOST_REPEATS = 100  # ours: rows per frame of a run with gaps
+ALWAYS = 200_000  # ours: as many rows are written however few frames there are
 SAME_DIGITS = 6  # of a stamp, s
 
 
@@ -57,7 +59,7 @@ def episode_of(run: RunFolder, columns: Mapping[str, Any], fps: int, say: Say) -
     """The rows of a run at a constant rate.
 
     Raises:
-        InputError: The run has no poses.
+        InputError: The run has no poses, or nearly no frames for its duration.
     """
     frames = columns.get("frames")
     if frames is None or not np.isfinite(frames["x_m"]).any():
@@ -65,6 +67,11 @@ def episode_of(run: RunFolder, columns: Mapping[str, Any], fps: int, say: Say) -
     placed = np.flatnonzero(np.isfinite(frames["x_m"]))
     stamps = frames["stamp_s"][placed]
     count = 1 + math.floor((stamps[-1] - stamps[0]) * fps + 0.5)
+    if count > max(ALWAYS, MOST_REPEATS * len(stamps)):
+        raise InputError(
+            f"{run.root}: {len(stamps)} frames in {stamps[-1] - stamps[0]:.6g} s would be {count} rows at {fps} per "
+            "second; the clock was set during the recording: correct its stamps and process it again"
+        )
     clock = stamps[0] + np.arange(count) / fps
     nearest = _nearest(stamps, clock)
     frame = {

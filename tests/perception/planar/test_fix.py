@@ -113,3 +113,18 @@ def test_a_log_that_goes_back_in_time_is_refused():
     log, _ = drive(lambda t: 0.15, SQUARE)
     with pytest.raises(InputError, match="go back in time"):
         PlanarLog(log.stamps_s[::-1], log.totals, log.seen_s, log.marks, log.seen, log.places)
+
+
+@pytest.mark.parametrize("late_s", [1.7e9, 4000.0])
+def test_a_log_whose_clock_was_set_is_refused(late_s):
+    log, _ = drive(lambda t: 0.15, SQUARE)
+    stamps = log.stamps_s + late_s * (np.arange(len(log.stamps_s)) > 50)
+    with pytest.raises(InputError, match="the clock was set"):
+        PlanarLog(stamps, log.totals, log.seen_s, log.marks, log.seen, log.places)
+
+
+def test_a_log_in_milliseconds_is_refused():
+    log, _ = drive(lambda t: 0.15, SQUARE)
+    ms, seen_ms = (1e3 * (1.2e9 + stamps) for stamps in (log.stamps_s, log.seen_s))
+    with pytest.raises(InputError, match="another unit than s"):
+        PlanarLog(ms, log.totals, seen_ms, log.marks, log.seen, log.places)

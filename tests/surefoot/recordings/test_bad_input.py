@@ -375,12 +375,40 @@ def test_a_stamp_out_of_order_skips_its_frame(tum, stamp, reason):
     [
         ("1.7e18 1.7e18 1.7e18", r"no frame can be used \(3 skipped; 0.png: .*, not ms or ns"),
         ("0.3 0.2 0.1", r"1 of 3 frames can be used, .*\(2 skipped; 0.png: .*correct the stamps"),
+        ("0.3 0.3 0.3", r"1 of 3 frames can be used, .*the stamp equals that of the frame before"),
+        ("-2 -1 0.1", r"1 of 3 frames can be used, .*the stamp is negative"),
     ],
 )
 def test_a_recording_that_its_stamps_cost_most_frames_is_refused(plain, stamps, words):
     edit(plain / "recording.toml", "rate_hz = 10.0", 'stamps = "stamps.txt"')
     (plain / "stamps.txt").write_text(stamps.replace(" ", "\n"))
     with pytest.raises(RecordingError, match=words):
+        play(plain)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "words"),
+    [
+        (
+            "0.1 0.2 1700000000.3",
+            r"stamps jump from 0.2 to 1700000000 s, after 2 frames; .*was set",
+        ),
+        ("0 33e6 66e6", r"frames are 3.3e\+07 s apart .*were expected.*may be in ns"),
+        ("0 33e3 66e3", r"frames are 3.3e\+04 s apart .*were expected.*may be in us"),
+        ("0 5e-5 1e-4", r"frames are 5e-05 s apart .*a unit 1000 times as long"),
+        ("0 1e-9 2e-9", r"frames are 1e-09 s apart .*may be numbers of frames"),
+    ],
+)
+def test_intervals_that_no_recording_has_are_refused(plain, stamps, words):
+    edit(plain / "recording.toml", "rate_hz = 10.0", 'stamps = "stamps.txt"')
+    (plain / "stamps.txt").write_text(stamps.replace(" ", "\n"))
+    with pytest.raises(RecordingError, match=words):
+        play(plain)
+
+
+def test_a_rate_that_no_camera_has_is_refused(plain):
+    edit(plain / "recording.toml", "rate_hz = 10.0", "rate_hz = 1e300")
+    with pytest.raises(RecordingError, match="frames are 1e-300 s apart"):
         play(plain)
 
 

@@ -63,6 +63,16 @@ def test_an_unmatched_image_is_remarked_and_left_out(rig):
     assert any("no imu0 file" in remark for remark in recording.remarks)
 
 
+def test_names_that_are_no_stamps_in_ns_are_refused(rig):
+    for camera in ("cam0", "cam1"):
+        for old in (rig / camera).glob("*.png"):
+            old.rename(rig / "kept.png")
+        for number in range(3):
+            shutil.copyfile(rig / "kept.png", rig / camera / f"{number:06}.png")
+    with pytest.raises(RecordingError, match=r"1e-09 s apart.*EuRoC are read as ns, .*numbers"):
+        list(open_euroc(rig).frames())
+
+
 def test_a_damaged_image_is_skipped(rig):
     image = min((rig / "cam1").glob("*.png"))
     image.write_bytes(image.read_bytes()[:2000])

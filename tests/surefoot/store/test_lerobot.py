@@ -189,6 +189,15 @@ def test_rows_are_evenly_spaced_where_frames_are_not(tmp_path):
     assert said == [f"{run.root}: no pictures, for it was not recorded (`simulate --record`)"]
 
 
+def test_a_run_whose_clock_was_set_is_refused(tmp_path):
+    run = make_run(tmp_path / "run")
+    stamps = [0.0, 0.1, 0.2, 1.7e9]
+    run.write_trajectory("trajectory.txt", [(t, 1.0, 0.0, 0.0, 0.0) for t in stamps])
+    run.write_csv("timing.csv", ("stamp_s", "floor"), [(t, 1.0) for t in stamps])
+    with pytest.raises(InputError, match=r"4 frames in 1.7e\+09 s would be 17000000001 rows"):
+        export([run], tmp_path / "set", print)
+
+
 def test_runs_that_do_not_fit_together_are_refused(runs, tmp_path):
     runs[1].path("floor.csv").unlink()
     with pytest.raises(InputError, match=r"observation\.floor\.depth differ"):
