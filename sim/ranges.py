@@ -6,6 +6,8 @@ import math
 
 from perception.primitives.errors import ConfigError
 
+MOST_PX = 4096.0  # ours: side of a rendered image; software rendering takes seconds per image
+
 
 def check_ranges(area: str, config: object, **ranges: tuple[float, float]) -> None:
     """Check that values, or all numbers of a tuple, are finite and within their range.

@@ -43,6 +43,7 @@ from .heights import GATE_SIGMAS, floor_form, pose_form
 from .scrolling import Window
 
 LOWEST_OBSTACLE_M = 0.03  # ours: a ray lower than this proves the floor below it free
+MOST_CELLS = 2001  # ours: along a side; of 4 million cells a copy is kept per frame
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,11 @@ class GridConfig:
         if not 0.0 < self.cell_m < self.side_m:
             raise ConfigError(
                 f"grid: cell_m={self.cell_m} must lie between 0 and side_m={self.side_m}"
+            )
+        if not self.side_m <= MOST_CELLS * self.cell_m:
+            raise ConfigError(
+                f"grid: side_m={self.side_m} must be at most {MOST_CELLS} cells of {self.cell_m} m, "
+                f"{MOST_CELLS * self.cell_m:g} m"
             )
         exact = self.side_m / self.cell_m
         if abs(exact - self.cells) > 1e-6:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from perception.primitives.errors import ConfigError
 from perception.primitives.settings import setting
 
+MOST_REACH_M = 50.0  # ours: cells within it are held in memory
+
 
 @dataclass(frozen=True)
 class GroundConfig:
@@ -44,5 +46,7 @@ class GroundConfig:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"ground: {name}={value} must be positive and finite")
+        if self.reach_m > MOST_REACH_M:
+            raise ConfigError(f"ground: reach_m={self.reach_m} must be at most {MOST_REACH_M:g} m")
         if not 0.0 <= self.lasting_share <= 1.0:
             raise ConfigError(f"ground: lasting_share={self.lasting_share} must lie within 0 and 1")

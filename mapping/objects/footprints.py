@@ -35,6 +35,7 @@ LEAST_STAY = (
     0.45  # ours: half of the frames, less some that miss it; what was seen in fewer came or went
 )
 HEIGHT_SIGMA_M = 0.01  # ours: of the top of an obstacle, half a voxel
+MOST_GAP_M = 5.0  # ours: all points within it are compared
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,10 @@ class FootprintConfig:
     )
 
     def __post_init__(self) -> None:
-        if not self.gap_m >= CELL_M:
-            raise ConfigError(f"footprints: gap_m={self.gap_m} must be at least {CELL_M}")
+        if not CELL_M <= self.gap_m <= MOST_GAP_M:
+            raise ConfigError(
+                f"footprints: gap_m={self.gap_m} must be at least {CELL_M}, at most {MOST_GAP_M:g}"
+            )
         if self.least_points < 3:
             raise ConfigError(f"footprints: least_points={self.least_points} must be at least 3")
         if self.least_sightings < 1:

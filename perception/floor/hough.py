@@ -31,6 +31,7 @@ RUNNER_UP = 3  # ours: least votes of a candidate after the first; the score dec
 SIDE_M = 0.15  # ours: least side of a triple; 5 mm of noise over it is a cell of tilt
 SIDE_SIGMAS = 30.0  # ours: the same in standard deviations of depth, for noisier sensors
 SIDE_SHARE = 0.7  # ours: of the spread of all points, limits both for a camera close to the floor
+MOST_TRIPLES = 1_000_000  # ours: they are drawn at once
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,8 @@ class HoughConfig:
         for name in ("triples", "enough", "least"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"hough: {name}={getattr(self, name)} must be at least 1")
+        if self.triples > MOST_TRIPLES:
+            raise ConfigError(f"hough: triples={self.triples} must be at most {MOST_TRIPLES}")
         for name in ("tilt_cell_deg", "rho_cell_m"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):

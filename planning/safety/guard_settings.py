@@ -16,6 +16,8 @@ from perception.primitives.settings import setting
 CELL_CONTACT_M = 0.15
 """Ours: distance of the middle of a DARwIn-OP to that of a cell at contact; grows with breadth."""
 
+MOST_STEPS = 100  # ours: every plan is held in memory
+MOST_MARGIN_M = 5.0  # ours: cells within it are searched
 STILL_MARGIN_M = 0.02  # ours: margin to a static obstacle
 SMALL_RADIUS_M = 0.20  # ours: larger static tracks are represented by occupied cells alone
 SURE_S = 3.0  # ours: the covariance grows no longer than this; later the obstacle is observed again
@@ -71,8 +73,12 @@ class GuardConfig:
     keep_share: float = 0.15  # ours: ... and by this share of the present plan's cost
 
     def __post_init__(self) -> None:
-        if self.steps < 1:
-            raise ConfigError(f"guard: steps={self.steps} must be at least 1")
+        if not 1 <= self.steps <= MOST_STEPS:
+            raise ConfigError(f"guard: steps={self.steps} must be at least 1, at most {MOST_STEPS}")
+        if self.margin_m > MOST_MARGIN_M:
+            raise ConfigError(
+                f"guard: margin_m={self.margin_m} must be at most {MOST_MARGIN_M:g} m"
+            )
         for name in ("react_s", "fade_s"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):

@@ -24,6 +24,7 @@ from perception.primitives.settings import setting
 
 from . import _potential_kernels as kernels
 
+MOST_MARGIN_M = 5.0  # ours: cells within it are visited one by one
 FORMS = ("smooth", "khatib")
 
 
@@ -48,8 +49,10 @@ class SearchConfig:
     def __post_init__(self) -> None:
         if self.form not in FORMS:
             raise ConfigError(f"search: form={self.form!r} is unknown; expected one of {FORMS}")
-        if not (math.isfinite(self.margin_m) and self.margin_m > 0.0):
-            raise ConfigError(f"search: margin_m={self.margin_m} must be a positive length in m")
+        if not 0.0 < self.margin_m <= MOST_MARGIN_M:
+            raise ConfigError(
+                f"search: margin_m={self.margin_m} must be a positive length in m, at most {MOST_MARGIN_M:g}"
+            )
         if not (math.isfinite(self.alpha) and self.alpha >= 0.0):
             raise ConfigError(f"search: alpha={self.alpha} must be finite and not negative")
         if not 0.0 <= self.p_unknown <= 1.0:

@@ -18,7 +18,7 @@ from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose3
 from perception.primitives.settings import setting
 
-from ..ranges import check_ranges
+from ..ranges import MOST_PX, check_ranges
 from ..rendering import lens as lenses
 from ..rendering.motion import STATIONARY, Motion, exposure_times
 from ..world import World
@@ -54,8 +54,8 @@ class ImageConfig:
         check_ranges(
             "camera",
             self,
-            width=(1.0, 1e4),
-            height=(1.0, 1e4),
+            width=(1.0, MOST_PX),
+            height=(1.0, MOST_PX),
             mount_m=(-2.0, 2.0),
             noise_grey=(0.0, 127.0),
             gain=(0.01, 100.0),

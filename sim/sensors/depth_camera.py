@@ -24,7 +24,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose3
 
-from ..ranges import check_ranges
+from ..ranges import MOST_PX, check_ranges
 from ..rendering.surfaces import RangeSource, unit_rays
 
 FINER = 2  # the pictures are matched at twice the size of the depth, which is decimated
@@ -64,8 +64,8 @@ class DepthCameraConfig:
         check_ranges(
             "depth camera",
             self,
-            width=(4.0, 1e4),
-            height=(4.0, 1e4),
+            width=(4.0, MOST_PX),
+            height=(4.0, MOST_PX),
             baseline_m=(0.001, 1.0),
             nearest_m=(0.0, 10.0),
             noise_px=(0.0, 10.0),

@@ -25,7 +25,7 @@ from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose3
 from perception.primitives.settings import setting
 
-from ..ranges import check_ranges
+from ..ranges import MOST_PX, check_ranges
 from ..rendering.motion import exposure_times
 from ..rendering.surfaces import RangeSource
 
@@ -83,8 +83,8 @@ class TofConfig:
         check_ranges(
             "tof",
             self,
-            width=(4.0, 1e4),  # stray light is blurred at a quarter of the size
-            height=(4.0, 1e4),
+            width=(4.0, MOST_PX),  # stray light is blurred at a quarter of the size
+            height=(4.0, MOST_PX),
             sub_rays=(1.0, 16.0),
             noise_m=(0.0, math.inf),
             floor_noise_m=(0.0, math.inf),

@@ -278,6 +278,12 @@ def test_the_same_scene_gives_the_same_step():
     assert len(steps) == 1
 
 
+@pytest.mark.parametrize("wrong", [{"steps": 10**9}, {"margin_m": 50.0}])
+def test_a_horizon_or_margin_in_a_wrong_unit_is_refused(wrong):
+    with pytest.raises(ConfigError, match=r"must be .*at most"):
+        replace(CONFIG, **wrong)
+
+
 def test_a_negative_following_cost_is_refused():
     with pytest.raises(ConfigError, match="following_cost"):
         replace(CONFIG, following_cost=-0.1)

@@ -74,6 +74,7 @@ def test_a_map_that_holds_nan_is_refused():
     ("values", "word"),
     [
         ({"margin_m": 0.0}, "margin_m"),
+        ({"margin_m": 300.0}, "margin_m=300.0 must be .* at most 5"),
         ({"alpha": -1.0}, "alpha"),
         ({"p_unknown": 1.5}, "p_unknown"),
     ],
