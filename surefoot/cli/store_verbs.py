@@ -23,6 +23,12 @@ MOST_ROWS = 100  # ours: of an answer, on the terminal
     metavar="X Y FILE",
     help="Draw column Y over column X into a .svg or .png file.",
 )
+@click.option(
+    "--timeout",
+    type=Number(min=0.0, max=86400.0, min_open=True),
+    metavar="SECONDS",
+    help="Longest time for the answer; default 60.",
+)
 @json_option
 def query(
     question: str | None,
@@ -30,6 +36,7 @@ def query(
     examples: bool,
     csv_file: Path | None,
     plot: tuple[str, str, str] | None,
+    timeout: float | None,
     as_json: bool,
 ) -> None:
     """Ask the tables of RUNS in SQL (DuckDB): one run folder, or folders with thousands of runs.
@@ -52,10 +59,10 @@ def query(
     if question is None or not runs:
         raise click.UsageError("give a SELECT, or the NAME of an example, and RUNS; or --examples")
     from ..store import answers
-    from ..store.query import asker
+    from ..store.query import LONGEST_S, asker
 
     with asker(runs, _notice) as tables:
-        answer = tables.ask(question)
+        answer = tables.ask(question, longest_s=LONGEST_S if timeout is None else timeout)
     if csv_file is not None:
         answers.write_csv(answer, csv_file)
     if plot is not None:

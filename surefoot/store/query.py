@@ -20,6 +20,7 @@ from .examples import EXAMPLES
 from .schema import TABLES, describe
 
 MOST_ROWS = 1_000_000  # ours: of an answer; they are held in memory, about 1 GB with ten columns
+LONGEST_S = 60.0  # ours: of an answer
 MEMORY = "2GB"  # ours: of the database
 
 
@@ -62,22 +63,26 @@ class Asker:
         self._database.execute("SET enable_external_access = false")
         self._database.execute("SET lock_configuration = true")
 
-    def ask(self, question: str, values: Sequence[Any] = ()) -> Answer:
+    def ask(
+        self, question: str, values: Sequence[Any] = (), longest_s: float = LONGEST_S
+    ) -> Answer:
         """Answer a question.
 
         Args:
             question: One SELECT in DuckDB's SQL, or the name of an example.
             values: For its parameters `?`.
+            longest_s: Longest time for the answer.
 
         Raises:
-            InputError: The question is not one SELECT, or is wrong (the message lists the tables), or asks for too much.
+            InputError: The question is not one SELECT, or is wrong (the message lists the tables), or asks for too much,
+                or takes too long.
         """
         sql = EXAMPLES[question].sql if question in EXAMPLES else question
         try:
             statements = self._database.extract_statements(sql)
             if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
                 raise InputError("a question is one SELECT; the tables cannot be changed")
-            answer = self._interruptible(sql, values)
+            answer = self._interruptible(sql, values, longest_s)
         except (duckdb.OutOfMemoryException, MemoryError) as error:
             raise InputError(
                 f"the question needs more than {MEMORY} of memory; add LIMIT, choose fewer columns, or ask fewer runs"
@@ -93,12 +98,17 @@ class Asker:
             )
         return answer
 
-    def _interruptible(self, sql: str, values: Sequence[Any]) -> Answer:
+    def _interruptible(self, sql: str, values: Sequence[Any], longest_s: float) -> Answer:
         """Execute in a thread: Ctrl-C does not reach Python inside of DuckDB."""
         with ThreadPoolExecutor(1) as pool:
             running = pool.submit(self._executed, sql, values)
             try:
-                return running.result()
+                return running.result(longest_s)
+            except TimeoutError as error:
+                raise InputError(
+                    f"the question has no answer after {longest_s:g} s; ask fewer runs, end its recursion (WITH "
+                    "RECURSIVE), or allow more time: --timeout SECONDS"
+                ) from error
             finally:
                 while not running.done():
                     self._database.interrupt()

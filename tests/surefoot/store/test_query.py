@@ -44,6 +44,17 @@ def test_a_question_over_many_runs_has_the_answer_that_their_files_give(many):
     assert row == {"mean": pytest.approx(0.02), "n": 3}
 
 
+def test_a_question_without_end_ends_at_the_time_limit(many):
+    endless = "WITH RECURSIVE t(n) AS (SELECT 1 UNION ALL SELECT 1 FROM t) SELECT count(*) FROM t"
+    with asker([many], print) as tables:
+        with pytest.raises(InputError, match=r"no answer after 0.5 s"):
+            tables.ask(endless, longest_s=0.5)
+        assert tables.ask("SELECT count(*) FROM runs").rows == [(3,)]
+    done = surefoot(endless, many, "--timeout", "0.5")
+    assert done.exit_code == 2
+    assert "--timeout SECONDS" in done.output
+
+
 def test_a_single_run_is_asked_without_a_store(many):
     with asker([many / "walk-1"], print) as tables:
         assert tables.ask("SELECT run, seed FROM runs").rows == [("walk-1", 1)]
