@@ -68,7 +68,8 @@ class RunFolder:
     def create(path: Path | None = None, name: str = "run", reads: Path | None = None) -> RunFolder:
         """Make the folder of a new run, or clear that of an earlier run.
 
-        A recording in the folder of an earlier run is kept as recording.previous.mcap.
+        A recording in the folder of an earlier run is kept as recording.previous.mcap, further ones as
+        recording.previous-2.mcap and so on.
 
         Args:
             path: Folder to create; None takes the first free runs/<name>-<n> in the working directory.
@@ -408,7 +409,11 @@ def _clear(path: Path) -> None:
         else:
             place.unlink(missing_ok=True)
     if (path / RECORDING).is_file():
-        os.replace(path / RECORDING, path / "recording.previous.mcap")
+        names = (
+            "recording.previous.mcap",
+            *(f"recording.previous-{k}.mcap" for k in range(2, 10_000)),
+        )
+        os.replace(path / RECORDING, next(p for p in map(path.joinpath, names) if not p.exists()))
 
 
 def _within(inner: Path, outer: Path) -> bool:

@@ -60,6 +60,8 @@ def process(
     recorded = identity(path, description, out)
     found = _resumed(out, config, recorded) if resume and out is not None else None
     if found is None:
+        if out is not None and (out / checkpoint.NAME).exists():
+            say(f"{out}: the interrupted run is replaced; --resume would have continued it")
         folder = RunFolder.create(out, name=recording.info.name, reads=path)
         recorder = RunRecorder(folder, config, recording.info, (), str(path))
         state = State(make_pipeline(config, recording.info), recorder, CameraTrajectory())

@@ -70,6 +70,14 @@ def test_a_repeated_run_deletes_the_earlier_outputs_but_no_files_of_the_user(tmp
     assert not (run.root / ".part-1-dead").exists()
 
 
+def test_a_run_that_is_repeated_twice_keeps_both_earlier_recordings(tmp_path):
+    for content in ("first", "second", ""):
+        run = RunFolder.create(tmp_path / "run")
+        (run.root / "recording.mcap").write_text(content)
+    assert (run.root / "recording.previous.mcap").read_text() == "first"
+    assert (run.root / "recording.previous-2.mcap").read_text() == "second"
+
+
 @pytest.mark.parametrize("inside", ["recording.mcap", ""])
 def test_a_run_never_overwrites_the_recording_it_reads(tmp_path, inside):
     run = RunFolder.create(tmp_path / "run")

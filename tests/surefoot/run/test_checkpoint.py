@@ -112,6 +112,14 @@ def test_a_run_that_was_killed_gives_what_an_undisturbed_one_gives(tmp_path, mon
     assert not list((tmp_path / "cut").glob(".checkpoint*"))
 
 
+def test_the_replacement_of_an_interrupted_run_is_told(short, tmp_path, monkeypatch):
+    monkeypatch.setattr(checkpoint, "EVERY_S", 0.0)
+    cut_at(tmp_path, 2, short)
+    said: list[str] = []
+    process.process(short, None, Config(), tmp_path, said.append)
+    assert said[0].endswith("the interrupted run is replaced; --resume would have continued it")
+
+
 def test_a_run_that_was_killed_while_closing_resumes_too(short, tmp_path, monkeypatch):
     process.process(short, None, Config(), tmp_path / "whole", quiet)
     whole = contents(tmp_path / "whole")
