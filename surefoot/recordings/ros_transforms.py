@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import bisect
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,12 @@ _SLACK_S = (
 
 
 class Transforms:
-    """Edges from parent to child, static or over time."""
+    """Edges from parent to child, static or over time; a child may have several moving parents."""
 
     def __init__(self) -> None:
         self._static: dict[str, tuple[str, Pose3]] = {}
-        self._moving: dict[str, tuple[str, list[float], list[Pose3]]] = {}
+        self._moving: dict[str, dict[str, tuple[list[float], list[Pose3]]]] = {}
+        self._chosen: dict[str, str] = {}
 
     def add(self, parent: str, child: str, stamp_s: float | None, transform: Any) -> None:
         """Add the pose of a child in its parent; a transform without a stamp is static."""
@@ -41,17 +43,38 @@ class Transforms:
         if stamp_s is None:
             self._static[child] = (parent, pose)
             return
-        _, stamps, poses = self._moving.setdefault(child, (parent, [], []))
+        stamps, poses = self._moving.setdefault(child, {}).setdefault(parent, ([], []))
         if not stamps or stamp_s > stamps[-1]:
             stamps.append(stamp_s)
             poses.append(pose)
 
     def first_leading_to(self, candidates: Sequence[str], child: str) -> str | None:
-        """The first candidate that is an ancestor of the frame above a moving edge; None without one."""
-        chain = self._chain(child)
-        moving = [name for name in chain if name in self._moving]
-        ancestors = chain[chain.index(moving[0]) + 1 :] if moving else []
-        return next((name for name in candidates if name in ancestors), None)
+        """The first candidate from which a moving edge leads down to the child; None without one.
+
+        From now on the shortest chain between them is used where a frame has several parents.
+        """
+        below = {child: ""}
+        waiting = [child]
+        for frame in waiting:
+            new = [parent for parent in self._parents(frame) if parent not in below]
+            below |= dict.fromkeys(new, frame)
+            waiting += new
+        for name in candidates:
+            chain = [name] if name in below else []
+            while chain and below[chain[-1]]:
+                chain.append(below[chain[-1]])
+            if any(one in self._moving for one in chain[1:]):
+                self._chosen = {lower: upper for upper, lower in pairwise(chain)}
+                return name
+        return None
+
+    def doubts(self) -> list[str]:
+        """The frames of the chosen chain with several parents, in words."""
+        return [
+            f"{child} has {len(parents)} parents in tf ({', '.join(parents)}); that in {chosen} is used"
+            for child, chosen in self._chosen.items()
+            if len(parents := self._parents(child)) > 1
+        ]
 
     def between(self, frame: str, other: str, stamp_s: float) -> Pose3 | None:
         """Pose of `other` in `frame` at a time; None if they are not connected then."""
@@ -71,9 +94,13 @@ class Transforms:
             chain.append(parent)
         return chain
 
+    def _parents(self, frame: str) -> list[str]:
+        if frame in self._moving:
+            return list(self._moving[frame])
+        return [self._static[frame][0]] if frame in self._static else []
+
     def _parent(self, frame: str) -> str | None:
-        edge = self._moving.get(frame) or self._static.get(frame)
-        return None if edge is None else edge[0]
+        return self._chosen.get(frame) or next(iter(self._parents(frame)), None)
 
     def _up(self, chain: Sequence[str], top: str, stamp_s: float) -> Pose3 | None:
         """Pose of the first frame of a chain in its member `top`."""
@@ -88,7 +115,7 @@ class Transforms:
     def _at(self, child: str, stamp_s: float) -> Pose3 | None:
         if child not in self._moving:
             return self._static[child][1]
-        _, stamps, poses = self._moving[child]
+        stamps, poses = self._moving[child][str(self._parent(child))]
         after = bisect.bisect_left(stamps, stamp_s)
         if after == 0 or after == len(stamps):
             nearest = min(after, len(stamps) - 1)

@@ -80,6 +80,7 @@ class RosbagRecording:
         self.remarks = [f"depth of {self._topics.depth}, colour of {self._topics.colour or 'none'}"]
         if fixed is not None:
             self.remarks.append(f"poses are the transforms from {fixed} to {self._depth_frame}")
+        self.remarks += self._transforms.doubts()
         self.info = complete(
             RecordingInfo(
                 name=path.resolve().stem,

@@ -46,6 +46,22 @@ def test_depth_colour_and_poses_are_read(tmp_path, kind):
         np.testing.assert_allclose(frame.T_world_camera.position, [0.1 * i, 0.0, 0.5], atol=1e-6)
 
 
+def test_one_of_two_parents_of_a_frame_gives_all_poses(tmp_path):
+    """A second estimate, published first and every other time, has an origin of its own."""
+    bag = Bag(tmp_path / "walk", "ros2")
+    bag.write("/cam/camera_info", bag.info(1.0, "camera"), 1.0)
+    for i in range(6):
+        stamp = 1.0 + 0.1 * i
+        parent, x = ("odom", 5.0) if i % 2 == 0 else ("map", 0.0)
+        for at in (stamp - 0.04, stamp + 0.04):
+            bag.write("/tf", bag.transform(at, parent, "camera", (x, 0.0, 0.0)), stamp)
+        bag.write("/cam/depth", bag.image(stamp, "camera", depth_mm(i), "16UC1"), stamp)
+    recording = open_recording(bag.close())
+    poses = [one.T_world_camera for one in recording.frames() if one.T_world_camera is not None]
+    assert {round(pose.position[0], 6) for pose in poses} == {0.0}
+    assert "camera has 2 parents in tf (odom, map); that in map is used" in recording.remarks
+
+
 def test_a_single_file_of_a_ros_2_bag_is_read(tmp_path):
     folder = write_bag(tmp_path / "walk", "mcap")
     (single,) = folder.glob("*.mcap")
