@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float32
 
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, RecordingError
@@ -129,8 +130,14 @@ class FolderRecording:
                 continue
             if fault is not None:
                 self._without_colour.append(fault)
-            if skips.returned == 0:
-                self._check_scale(frame)
+            if skips.returned == 0 and not self._scale_checked:
+                assert frame.depth is not None
+                check_scale(
+                    self._path,
+                    frame.depth.depth,
+                    f"at {self._unit.per_metre:g} units per metre",
+                    f"Give the right scale ([depth] scale_per_metre in a {DESCRIPTION_FILE})",
+                )
             skips.note(frame.stamp_s)
             yield frame
         skips.check_use(self._path)
@@ -150,19 +157,6 @@ class FolderRecording:
                 for *_, reading in waiting:
                     reading.cancel()
 
-    def _check_scale(self, frame: Frame) -> None:
-        """Ask about an implausible depth of the first frame."""
-        assert frame.depth is not None
-        median_m = float(np.nanmedian(frame.depth.depth))
-        low, high = PLAUSIBLE_M
-        if not low <= median_m <= high and not self._scale_checked:
-            raise RecordingError(
-                f"{self._path}: half of the first depth image is {'nearer' if median_m < low else 'farther'} "
-                f"than {median_m:.3g} m at {self._unit.per_metre:g} units per metre; {low:g} to {high:g} m were "
-                f"expected. Give the right scale ([depth] scale_per_metre in a {DESCRIPTION_FILE}), or, if the scene "
-                "is that near or far, say so there: scale_checked = true"
-            )
-
     def _read(self, files: FrameFiles) -> Read:
         pose = None if files.pose is None else files.pose()
         depth = DepthView(read_depth(files.depth, self._camera, self._unit), self._camera)
@@ -174,6 +168,22 @@ class FolderRecording:
             except FrameError as error:
                 fault = SkippedFrame(files.colour.name, str(error))
         return Frame(files.stamp_s, depth=depth, colour=colour, T_world_camera=pose), fault
+
+
+def check_scale(where: Path, depth: Float32[np.ndarray, "h w"], read_as: str, advice: str) -> None:
+    """Ask about an implausible depth of the first frame, m.
+
+    Raises:
+        RecordingError: Its median is not that of a room.
+    """
+    median_m = float(np.nanmedian(depth))
+    low, high = PLAUSIBLE_M
+    if not low <= median_m <= high:
+        raise RecordingError(
+            f"{where}: half of the first depth image is {'nearer' if median_m < low else 'farther'} than "
+            f"{median_m:.3g} m {read_as}; {low:g} to {high:g} m were expected. {advice}, or, if the scene is that near or "
+            f"far, say so in a {DESCRIPTION_FILE}: scale_checked = true"
+        )
 
 
 def pictures(folder: Path, pattern: str = "*") -> list[Path]:
@@ -304,4 +314,4 @@ def camera_of(
 
 def _natural(path: Path) -> list[tuple[int, str]]:
     words = re.split(r"(\d+)", path.name)
-    return [(int(word), "") if word.isdigit() else (-1, word) for word in words]
+    return [(int(word), "") if word.isdecimal() else (-1, word) for word in words]

@@ -38,7 +38,7 @@ class Topics:
 
 
 def find_topics(path: Path, reader: Any) -> Topics:
-    """The largest depth stream with a camera, and the colour stream that matches it best.
+    """The largest depth stream with a camera, best with "depth" in its name, and the colour stream that matches it best.
 
     Rectified depth images of a camera are preferred if there are at least half as many as raw ones.
 
@@ -52,21 +52,23 @@ def find_topics(path: Path, reader: Any) -> Topics:
             continue
         info = _info_of(connection.topic, infos)
         kind = _kind(reader, connection)
+        unsure = kind == "mono16" or "depth" not in connection.topic.lower()
         entry = (info is not None, connection.msgcount, connection.topic, info, connection.msgtype)
-        if kind == "depth":
-            depths.append(entry)
+        if kind in ("depth", "mono16"):
+            depths.append((*entry, unsure, kind))
         elif kind == "colour":
             colours.append(entry)
+    depths = [d for d in depths if d[6] == "depth"] or depths  # mono16 may be infrared
     rectified = [d for d in depths if d[0] and is_rectified(d[2])]
     usable = sorted(
         (d for d in depths if d[0] and not any(_replaces(r, d) for r in rectified)),
-        key=lambda d: (-d[1], d[4] == _COMPRESSED, d[2]),
+        key=lambda d: (d[5], -d[1], d[4] == _COMPRESSED, d[2]),
     )
     if not usable:
         listed = ", ".join(sorted(f"{c.topic} ({c.msgtype})" for c in reader.connections)) or "none"
         lacks = "no camera_info for its depth images" if depths else "no depth image"
         raise RecordingError(f"{path}: {lacks}; its topics are: {listed}")
-    _, _, depth, depth_info, depth_type = usable[0]
+    depth, depth_info, depth_type = usable[0][2:5]
     ranked = sorted(
         (c for c in colours if c[0]),
         key=lambda c: (-_shared(depth, c[2]), c[4] == _COMPRESSED, c[2]),
@@ -89,12 +91,12 @@ def _replaces(rectified: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
 
 
 def _kind(reader: Any, connection: Any) -> str | None:
-    """Kind of an image stream by its first readable message: "depth", "colour" or None."""
+    """Kind of an image stream by its first readable message: "depth", "mono16", "colour" or None."""
     for _, message in decoded(reader, [connection], SkipLog()):
         if connection.msgtype == _COMPRESSED:
             return "depth" if "compressedDepth" in message.format else "colour"
         if is_depth_encoding(message.encoding):
-            return "depth"
+            return "mono16" if message.encoding == "mono16" else "depth"
         return "colour" if message.encoding.startswith(("rgb", "bgr", "mono8")) else None
     return None
 

@@ -31,6 +31,7 @@ from perception.primitives.frame import ColourView, DepthView, Frame
 from perception.primitives.safe_input import UnreadableError
 
 from .description import Description, complete
+from .folder import check_scale
 from .poses import ASSOCIATION_S
 from .recording import FOLLOWING, FrameError, RecordingInfo, SkipLog, SkippedFrame
 from .ros_messages import camera_of_info, colour_image, depth_image, is_rectified
@@ -63,6 +64,7 @@ class RosbagRecording:
         """
         self._path = path
         self._skips = SkipLog()
+        self._scale_checked = description is not None and description.scale_checked
         with self._reader() as reader:
             self._topics = find_topics(path, reader)
             self._camera = self._first_camera(reader, self._topics.depth_info, self._topics.depth)
@@ -101,7 +103,7 @@ class RosbagRecording:
         """The readable frames in the order of the bag, one in memory at a time.
 
         Raises:
-            RecordingError: No frame can be read.
+            RecordingError: No frame can be read, or the depth of the first one is not that of a room.
         """
         skips = self._skips = SkipLog()
         waiting: list[tuple[float, Any]] = []
@@ -137,6 +139,13 @@ class RosbagRecording:
         except FrameError as error:
             skips.skip(f"{self._topics.depth} at {stamp:.6f}", str(error))
             return
+        if skips.returned == 0 and not self._scale_checked:
+            check_scale(
+                self._path,
+                depth,
+                f"in topic {self._topics.depth}",
+                "Convert its images to millimetres (16UC1) or metres (32FC1)",
+            )
         pose = None
         if self._fixed is not None:
             pose = self._transforms.between(self._fixed, self._depth_frame, stamp)

@@ -107,6 +107,41 @@ def test_depth_in_metres_is_read_without_loss(tmp_path):
     np.testing.assert_array_equal(frame.depth.depth, truth)
 
 
+@pytest.mark.parametrize(("scale", "word"), [(0.01, "nearer"), (20.0, "farther")])
+def test_an_implausible_depth_is_asked_about(tmp_path, scale, word):
+    bag = Bag(tmp_path / "walk", "ros2")
+    depth = (depth_mm(0) * scale).astype(np.uint16)
+    bag.write("/cam/camera_info", bag.info(1.0, "camera"), 1.0)
+    bag.write("/cam/depth", bag.image(1.0, "camera", depth, "16UC1"), 1.0)
+    path = bag.close()
+    with pytest.raises(RecordingError, match=rf"{word}.*in topic /cam/depth;.*scale_checked"):
+        list(open_recording(path).frames())
+    description = tmp_path / "near.toml"
+    description.write_text("scale_checked = true\n")
+    assert len(list(open_recording(path, description).frames())) == 1
+
+
+@pytest.mark.parametrize("encoding", ["mono16", "16UC1"])
+def test_an_infrared_stream_with_more_images_is_not_taken_for_depth(tmp_path, encoding):
+    bag = Bag(tmp_path / "walk", "ros2")
+    for topic, count, kind in (("infra1/image", 3, encoding), ("depth/image", 2, "16UC1")):
+        bag.write(f"/cam/{topic[:5]}/camera_info", bag.info(1.0, "camera"), 1.0)
+        bag.write("/cam/camera_info", bag.info(1.0, "camera"), 1.0)
+        for i in range(count):
+            stamp = 1.0 + 0.1 * i
+            bag.write(f"/cam/{topic}", bag.image(stamp, "camera", depth_mm(i), kind), stamp)
+    recording = open_recording(bag.close())
+    assert recording.info.frames == 2
+    assert recording.remarks[0].startswith("depth of /cam/depth/image")
+
+
+def test_mono16_is_depth_if_nothing_else_is(tmp_path):
+    bag = Bag(tmp_path / "walk", "ros2")
+    bag.write("/cam/camera_info", bag.info(1.0, "camera"), 1.0)
+    bag.write("/cam/image", bag.image(1.0, "camera", depth_mm(0), "mono16"), 1.0)
+    assert len(list(open_recording(bag.close()).frames())) == 1
+
+
 def test_a_damaged_image_is_skipped_and_counted(tmp_path):
     bag = Bag(tmp_path / "walk", "ros2")
     bag.write("/cam/camera_info", bag.info(1.0, "camera"), 1.0)
