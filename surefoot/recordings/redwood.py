@@ -13,6 +13,7 @@ Source: Choi et al., CVPR 2015; open3d.org, RGBD data sets and PinholeCameraIntr
 
 from __future__ import annotations
 
+import contextlib
 import re
 from functools import partial
 from pathlib import Path
@@ -41,7 +42,7 @@ _NO_ROLL = 1e-6  # sine of the roll of a rendered camera, printed with 16 digits
 
 def is_redwood(path: Path) -> bool:
     """Whether the folder has depth images and intrinsics as Open3D writes them."""
-    return (path / "depth").is_dir() and _intrinsics_file(path) is not None
+    return (path / "depth").is_dir() and bool(_intrinsics_files(path))
 
 
 def open_redwood(path: Path, description: Description | None = None) -> FolderRecording:
@@ -50,12 +51,7 @@ def open_redwood(path: Path, description: Description | None = None) -> FolderRe
     Raises:
         RecordingError: Intrinsics or trajectory cannot be parsed, or images do not match.
     """
-    source = _intrinsics_file(path)
-    if source is None:
-        raise RecordingError(
-            f"{path}: no JSON file with an intrinsic_matrix, or fx and ppx, next to depth/"
-        )
-    camera, unit = _intrinsics(source)
+    camera, unit = _intrinsics_of_depth(path)
     if description is not None and description.camera is not None:
         camera = description.camera
     depths = pictures(path / "depth")
@@ -93,15 +89,33 @@ def open_redwood(path: Path, description: Description | None = None) -> FolderRe
     )
 
 
-def _intrinsics_file(path: Path) -> Path | None:
-    """The first JSON file with intrinsics."""
+def _intrinsics_files(path: Path) -> list[Path]:
+    """The JSON files with intrinsics."""
+    found = []
     for candidate in sorted(path.glob("*.json")):
-        try:
+        with contextlib.suppress(UnreadableError):
             if _INTRINSICS.search(safe_input.text(candidate)):
-                return candidate
-        except UnreadableError:
-            continue
-    return None
+                found.append(candidate)
+    return found
+
+
+def _intrinsics_of_depth(path: Path) -> tuple[Camera, DepthUnit]:
+    """Of the file named after depth, else of one not named after colour."""
+    found = _intrinsics_files(path)
+    if not found:
+        raise RecordingError(
+            f"{path}: no JSON file with an intrinsic_matrix, or fx and ppx, next to depth/"
+        )
+    named = [one for one in found if "depth" in one.name.lower()]
+    others = [one for one in found if not any(c in one.name.lower() for c in _COLOUR_FOLDERS)]
+    chosen = named or others or found
+    first = _intrinsics(chosen[0])
+    if any(_intrinsics(one) != first for one in chosen[1:]):
+        raise RecordingError(
+            f"{path}: {' and '.join(one.name for one in chosen)} have different intrinsics; one file for the depth "
+            "images was expected: name it depth_intrinsics.json"
+        )
+    return first
 
 
 def _intrinsics(source: Path) -> tuple[Camera, DepthUnit]:

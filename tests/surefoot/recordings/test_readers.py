@@ -164,6 +164,31 @@ def test_a_depth_scale_in_the_intrinsics_is_used(redwood):
     assert checked(open_recording(redwood), "redwood", 4000, [0.0, 1 / 30, 2 / 30], positions)
 
 
+@pytest.mark.parametrize(
+    ("depth", "other"),
+    [
+        ("depth_intrinsics.json", "color_intrinsics.json"),
+        ("camera.json", "a_color.json"),
+        ("intrinsics_depth.json", "camera.json"),
+    ],
+)
+def test_the_name_tells_which_intrinsics_are_those_of_depth(redwood, depth, other):
+    of_depth = redwood / "camera_primesense.json"
+    of_colour = of_depth.read_text().replace("14.0", "19.0")
+    of_depth.rename(redwood / depth)
+    (redwood / other).write_text(of_colour)
+    assert next(iter(open_recording(redwood).frames())).depth.camera.fx == 14.0
+
+
+def test_two_files_of_intrinsics_that_differ_need_names(redwood):
+    first = redwood / "camera_primesense.json"
+    (redwood / "b.json").write_text(first.read_text())
+    assert open_recording(redwood).info.frames == 3
+    (redwood / "b.json").write_text(first.read_text().replace("14.0", "19.0"))
+    with pytest.raises(RecordingError, match=r"b.json and camera_prime.*depth_intrinsics.json"):
+        open_recording(redwood)
+
+
 def test_replica(replica):
     assert checked(open_recording(replica), "replica", 6553.5, [0.0, 1 / 30], [(0, 0, 0)] * 2)
 
@@ -220,6 +245,12 @@ def test_plain_with_stamps_in_the_names_pairs_colour_by_time(plain):
     toml = plain / "recording.toml"
     toml.write_text(toml.read_text().replace("rate_hz = 10.0", 'stamps = "name"'))
     assert checked(open_recording(plain), "plain", 1000, [10.0, 11.0, 12.0], None)
+
+
+def test_a_superscript_in_a_name_is_no_number(plain):
+    (plain / "depth/0.png").rename(plain / "depth/a².png")
+    (plain / "color/0.png").rename(plain / "color/a².png")
+    assert len(list(open_recording(plain).frames())) == 3
 
 
 def test_images_are_sorted_by_number(plain):
