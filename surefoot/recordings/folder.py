@@ -17,7 +17,7 @@ from perception.primitives.errors import ConfigError, RecordingError
 from perception.primitives.frame import ColourView, DepthView, Frame
 from perception.primitives.pose import Pose3
 
-from .images import DepthUnit, read_colour, read_depth
+from .images import DepthUnit, plausible, read_colour, read_depth
 from .recording import (
     DESCRIPTION_FILE,
     FrameError,
@@ -28,6 +28,7 @@ from .recording import (
 )
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".ppm", ".bmp")
+_UNREAD = (".exr", ".npy", ".npz", ".pfm", ".hdr", ".raw", ".bin", ".dpt")
 KINECT_HZ = 30.0  # of Kinect, Xtion and rendered data sets, for layouts without stamps
 AHEAD = 2  # ours: frames that a second thread decodes meanwhile
 PLAUSIBLE_M = (0.1, 20.0)  # ours: a median depth outside means a wrong depth scale, or no room
@@ -194,6 +195,17 @@ def pictures(folder: Path, pattern: str = "*") -> list[Path]:
     return sorted(found, key=_natural)
 
 
+def check_suffixes(*folders: Path) -> None:
+    """Raise a RecordingError for pictures or arrays of kinds that are not read."""
+    inside = (one for folder in folders if folder.is_dir() for one in sorted(folder.iterdir()))
+    unread = next((one for one in inside if one.suffix.lower() in _UNREAD), None)
+    if unread is not None:
+        raise RecordingError(
+            f"{unread}: depth images of kind {unread.suffix} are not read; expected one of "
+            f"{', '.join(IMAGE_SUFFIXES)}: save them as PNG of 16 bits, in millimetres, 0 without depth"
+        )
+
+
 def number_in(path: Path) -> int | None:
     """The last integer in a file name; None without one."""
     found = re.findall(r"\d+", path.stem)
@@ -307,7 +319,9 @@ def camera_of(
         RecordingError: The intrinsics are invalid.
     """
     try:
-        return Camera(width, height, float(fx), float(fy), float(cx), float(cy), distortion)
+        return plausible(
+            Camera(width, height, float(fx), float(fy), float(cx), float(cy), distortion)
+        )
     except ConfigError as error:
         raise RecordingError(f"{where}: {error}") from error
 

@@ -26,6 +26,7 @@ from .recording import DESCRIPTION_FILE, FrameError
 
 ENCODINGS = ("depth", "rotated", "kinect-disparity")
 UNSTATED = ""
+PLAUSIBLE_WIDTHS = (0.08, 50.0)  # ours: focal length of a view of 161 deg and of 1.1 deg
 _ROTATED_BITS = 3
 _DISPARITY_NONE = 2047
 _MOST_DISPARITY = 1092  # the formula's depth is infinite at 1084.6
@@ -66,6 +67,24 @@ class DepthUnit:
             raise ConfigError(f"no-depth value {outside[0]} must lie between 0 and 65535")
 
 
+def plausible(camera: Camera) -> Camera:
+    """The camera, if its focal lengths can be in px.
+
+    Raises:
+        ConfigError: They cannot; a share of the width makes the view 180 deg wide and a map of it endless.
+    """
+    low, high = PLAUSIBLE_WIDTHS
+    for name in ("fx", "fy"):
+        value = getattr(camera, name)
+        if not low * camera.width <= value <= high * camera.width:
+            raise ConfigError(
+                f"camera: {name}={value:g} px for an image {camera.width} px wide; expected pixels, "
+                f"{low * camera.width:g} to {high * camera.width:g}, not metres or a share of the width (multiply "
+                "that by the width)"
+            )
+    return camera
+
+
 def read_depth(path: Path, camera: Camera, unit: DepthUnit) -> Float32[np.ndarray, "h w"]:
     """Read a depth image, m; NaN without depth.
 
@@ -77,7 +96,7 @@ def read_depth(path: Path, camera: Camera, unit: DepthUnit) -> Float32[np.ndarra
         channels = 1 if image.ndim == 2 else image.shape[2]
         raise FrameError(
             f"depth image has {channels} channel{'s' * (channels > 1)} of {image.dtype}; one channel "
-            "of uint16 was expected (an 8-bit picture has no depth)"
+            f"of uint16 was expected ({_advice(image)})"
         )
     _check_size("depth", image, camera)
     if unit.encoding == "kinect-disparity":
@@ -92,6 +111,12 @@ def read_depth(path: Path, camera: Camera, unit: DepthUnit) -> Float32[np.ndarra
         marks = " or ".join(str(mark) for mark in unit.none)
         raise FrameError(f"depth image has no valid pixel: every value is {marks}")
     return depth
+
+
+def _advice(image: np.ndarray) -> str:
+    if image.dtype.kind == "f":
+        return "save depth as PNG of 16 bits, in millimetres, 0 without depth"
+    return "an 8-bit picture has no depth"
 
 
 def _rotated_back(image: UInt16[np.ndarray, "h w"]) -> UInt16[np.ndarray, "h w"]:

@@ -11,7 +11,7 @@ from perception.primitives.errors import InputError, RecordingError
 from .checked import CheckedRecording, OwnRecording
 from .description import Description, read_description
 from .euroc import is_euroc, open_euroc
-from .folder import pictures
+from .folder import check_suffixes, pictures
 from .icl_nuim import is_icl_nuim, open_icl_nuim
 from .mcap_format import McapRecording
 from .pcd import PcdRecording
@@ -96,10 +96,13 @@ def _open_file(path: Path, description: Path | None) -> Recording:
 def _open_folder(path: Path, description: Description | None) -> Recording:
     if description is not None and description.unit is not None:
         return open_plain(path, description)
-    if (path / MCAP_NAME).is_file() and description is None:
-        return McapRecording(path / MCAP_NAME)
     if is_rosbag(path):
         return RosbagRecording(path, description)
+    inside = path / MCAP_NAME
+    if inside.is_file() and is_rosbag(inside):
+        return RosbagRecording(inside, description)
+    if inside.is_file() and description is None:
+        return McapRecording(inside)
     if is_euroc(path):
         return open_euroc(path, description)
     if is_icl_nuim(path):
@@ -135,6 +138,7 @@ def _nothing_known(path: Path) -> RecordingError:
     found = pictures(path / "depth") or pictures(path)
     if found:
         return needs_description(path, found)
+    check_suffixes(path, path / "depth")
     inside = [child.name for child in sorted(path.iterdir()) if holds_recording(child)]
     if inside:
         return RecordingError(

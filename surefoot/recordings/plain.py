@@ -14,7 +14,7 @@ from perception.primitives.errors import RecordingError
 from perception.primitives.pose import Pose3
 
 from .description import EXAMPLE, Description
-from .folder import FolderRecording, FrameFiles, is_stamp, pair, pictures
+from .folder import FolderRecording, FrameFiles, check_suffixes, is_stamp, pair, pictures
 from .poses import ASSOCIATION_S, associate, mirrored, numbers, pose_of_row, read_lines, read_tum
 from .recording import RecordingInfo
 
@@ -94,6 +94,7 @@ def _depths(path: Path, description: Description) -> list[Path]:
         found = pictures(path / name, description.depth_pattern)
         if found:
             return found
+    check_suffixes(*(path / name for name in folders))
     where = " or ".join(str(path / name) for name in folders)
     raise RecordingError(
         f"{where}: no image matches {description.depth_pattern!r}; check [depth] folder and pattern "

@@ -20,6 +20,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.safe_input import UnreadableError
 
+from .images import plausible
 from .recording import FrameError
 
 _DEPTHS: dict[str, np.dtype[Any]] = {
@@ -61,14 +62,16 @@ def camera_of_info(message: Any, rectified: bool) -> Camera:
     """
     P = _numbers(message, "p").reshape(3, 4)
     K = P if rectified and P[0, 0] != 0.0 else _numbers(message, "k").reshape(3, 3)
-    return Camera(
-        int(message.width),
-        int(message.height),
-        float(K[0, 0]),
-        float(K[1, 1]),
-        float(K[0, 2]),
-        float(K[1, 2]),
-        (0.0,) * 5 if rectified else _lens(message),
+    return plausible(
+        Camera(
+            int(message.width),
+            int(message.height),
+            float(K[0, 0]),
+            float(K[1, 1]),
+            float(K[0, 2]),
+            float(K[1, 2]),
+            (0.0,) * 5 if rectified else _lens(message),
+        )
     )
 
 

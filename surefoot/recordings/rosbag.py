@@ -234,8 +234,10 @@ class RosbagRecording:
                 store = get_typestore(Stores.ROS2_HUMBLE)
                 reader = stack.enter_context(AnyReader([self._path], default_typestore=store))
             except Exception as error:
+                cut = "; the file is cut: `mcap recover FILE -o NEW` mends it"
                 raise RecordingError(
-                    f"{self._path}: cannot be read as a ROS bag: {words(error)}; expected a ROS 1 .bag, "
+                    f"{self._path}: cannot be read as a ROS bag: {words(error)}"
+                    f"{cut * ('end magic' in str(error))}; expected a ROS 1 .bag, "
                     "a ROS 2 folder with metadata.yaml, or a ROS 2 .mcap"
                 ) from error
             yield reader

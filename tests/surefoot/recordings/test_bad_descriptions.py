@@ -32,6 +32,9 @@ def test_an_unknown_tum_camera_is_refused(tum, tmp_path):
     [
         ("fx = 14.0", "fx = 0.0", "recording.toml: camera: fx=0.0 px must be positive and finite"),
         ("fx = 14.0", "fx = -480.0", "camera: fx=-480.0 px must be positive"),
+        ("fx = 14.0", "fx = 0.8366", "recording.toml: camera: fx=0.8366 px for an image 16 px wide; expected pixels"),
+        ("fx = 14.0", "fx = 1e9", "recording.toml: camera: fx=1e.09 px for an image 16 px wide; expected pixels"),
+        ("fy = 14.0", "fy = 1e-3", "recording.toml: camera: fy=0.001 px .* not metres or a share of the width"),
         ("rate_hz", "scale_checked = 1\nrate_hz", "scale_checked = 1 must be true or false"),
         ("rate_hz", "calibrated = \"yes\"\nrate_hz", "calibrated = 'yes' must be true or false"),
         ("[depth]", '[poses]\nfile = "p"\naxes = "t265"\n[depth]', "poses.axes = 't265'; expected one of optical, y-up"),

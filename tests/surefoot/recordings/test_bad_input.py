@@ -431,3 +431,23 @@ def test_a_missing_listed_image_skips_its_frame(tum_listed):
     recording = open_recording(tum_listed)
     assert len(list(recording.frames())) == 3
     assert recording.skipped == [("1.5000.png", "depth image is missing")]
+
+
+def test_a_depth_image_of_floats_is_refused_with_advice(plain):
+    for image in (plain / "depth").iterdir():
+        cv2.imwrite(str(image.with_suffix(".tif")), np.ones((12, 16), np.float32))
+        image.unlink()
+    with pytest.raises(RecordingError, match=r"of float32; .*\(save depth as PNG of 16 bits"):
+        list(open_recording(plain).frames())
+
+
+@pytest.mark.parametrize("described", [True, False])
+@pytest.mark.parametrize("suffix", [".exr", ".npy"])
+def test_kinds_of_depth_images_that_are_not_read_are_named(plain, suffix, described):
+    for image in [*(plain / "depth").iterdir(), *(plain / "color").iterdir()]:
+        image.rename(image.with_suffix(suffix))
+    if not described:
+        (plain / "recording.toml").unlink()
+    words = rf"0\{suffix}: depth images of kind \{suffix} are not read; expected one of .png"
+    with pytest.raises(RecordingError, match=words):
+        open_recording(plain)

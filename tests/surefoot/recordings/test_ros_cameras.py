@@ -178,6 +178,15 @@ def test_an_unknown_lens_is_refused_with_advice(tmp_path, kind, model, d):
         open_recording(bag)
 
 
+@pytest.mark.parametrize("f", [0.8366, 1e-3, 1e9])
+def test_a_focal_length_that_is_not_in_pixels_is_refused(tmp_path, f):
+    k = [f, 0, 15.5, 0, f, 11.5, 0, 0, 1]
+    bag = write(tmp_path / "walk", "ros2", "/cam/depth/image", {"k": k})
+    words = rf"camera_info.*fx={f:g} px for an image 32 px wide.*multiply"
+    with pytest.raises(RecordingError, match=words.replace("+", r"\+")):
+        open_recording(bag)
+
+
 def test_nonfinite_coefficients_are_refused(tmp_path):
     bag = write(tmp_path / "walk", "ros2", "/cam/depth/image", lens("plumb_bob", (np.nan,) * 5))
     with pytest.raises(RecordingError, match=r"/cam/depth/image.*nan.*5 finite numbers"):

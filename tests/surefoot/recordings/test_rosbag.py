@@ -184,6 +184,25 @@ def test_a_truncated_bag_gives_its_complete_frames_or_an_error(tmp_path, kind):
     assert len(given) < 40
 
 
+@pytest.mark.parametrize("folder", [False, True])
+def test_a_cut_mcap_file_can_be_mended(tmp_path, folder):
+    bag = write_bag(tmp_path / "walk", "mcap")
+    (file,) = bag.glob("*.mcap")
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    with pytest.raises(RecordingError, match=r"is cut: `mcap recover FILE -o NEW` mends it"):
+        open_recording(bag if folder else file)
+
+
+def test_a_ros_file_named_as_ours_is_read_from_its_folder(tmp_path):
+    bag = write_bag(tmp_path / "walk", "mcap")
+    (file,) = bag.glob("*.mcap")
+    file.rename(bag / "recording.mcap")
+    (bag / "metadata.yaml").unlink()
+    recording = open_recording(bag)
+    assert recording.info.kind == "rosbag"
+    assert len(list(recording.frames())) == 5
+
+
 @pytest.mark.parametrize(
     ("content", "words"), [("[" * 2000, "nested too deeply"), ("a: 1\n" * 300_000, "are the most")]
 )
