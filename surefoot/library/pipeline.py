@@ -19,7 +19,7 @@ from planning.world_model import WorldModel
 
 from ..config.schema import Config
 from ..recordings.codec import fault_of
-from ..recordings.near_poses import far_pose
+from ..recordings.given_poses import far_pose
 from ..recordings.recording import RecordingInfo
 from ..run import pipeline as run_pipeline
 from . import checks, views

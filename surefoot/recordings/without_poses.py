@@ -10,7 +10,7 @@ from perception.primitives.errors import RecordingError
 from perception.primitives.frame import Frame
 from perception.primitives.pose import Pose3
 
-from .near_poses import NearPoses
+from .given_poses import GivenPoses
 from .open import open_recording
 from .recording import Recording, RecordingInfo, SkippedFrame
 
@@ -72,4 +72,4 @@ def open_input(
         RecordingError: The recording cannot be read, or has no poses to ignore.
     """
     recording = open_recording(path, description, reader)
-    return WithoutPoses(recording) if ignore_poses else NearPoses(recording)
+    return WithoutPoses(recording) if ignore_poses else GivenPoses(recording)

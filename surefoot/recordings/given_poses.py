@@ -1,0 +1,145 @@
+"""Whether the given poses of a recording can be those of its camera.
+
+Poses far from the origin of their world are refused: maps hold single precision and hash keys of voxels, so that at map
+coordinates of a country, such as UTM, cloud and mesh would be empty or torn.
+
+Two depth images are compared as soon as the view has changed: once moved by the given poses, once not moved at all.
+Poses of another order, unit or direction fit worse than none. A wrong world frame is not noticed, nor is a small error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from perception.primitives.errors import RecordingError
+from perception.primitives.frame import DepthView, Frame
+from perception.primitives.pose import Pose3
+
+from .recording import Recording, RecordingInfo, SkippedFrame
+
+FARTHEST_M = 1e4  # ours: of a given pose along an axis; single precision is then 1 mm
+_FAST_M_S, _FAR_M = 5.0, 0.5  # ours: faster and farther from frame to frame no camera is carried
+_STEP_PX = 8  # ours: of the grid of compared pixels
+_SAME = 0.03  # ours: share of the depth by which equal places may differ
+_CHANGED = 0.7  # ours: the view has changed if so few of the pixels have the same depth
+_CLEAR = 0.1  # ours: one of two explanations fits that much more of the pixels
+_LEAST_SEEN = 0.2  # ours: share of the pixels that both frames see
+_LEAST_PAIRS = 5  # ours: pairs of frames that contradict the poses
+_PRONE = 3  # ours: times as many pairs as those that confirm them
+IGNORE = "check their order, unit and direction, or leave them away: --ignore-poses"
+
+
+def far_pose(frame: Frame) -> str:
+    """What is wrong with the place of a given pose, and what to do; empty if nothing is."""
+    pose = frame.T_world_camera
+    if pose is None or max(map(abs, pose.translation)) <= FARTHEST_M:
+        return ""
+    place = ", ".join(f"{metres:.1f}" for metres in pose.translation)
+    return (
+        f"its pose is at ({place}) m; poses within {FARTHEST_M:.0f} m of the origin of their world were expected. Subtract "
+        "the same offset from all of them, check that they are in m, or ignore them (--ignore-poses)"
+    )
+
+
+class GivenPoses:
+    """A recording, refused at the first pose too far away; remarks at the end if its poses cannot be right."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self._start()
+
+    def _start(self) -> None:
+        self._fastest = (0.0, 0.0)
+        self._moving = False
+        self._views = self._for = self._against = 0
+
+    @property
+    def info(self) -> RecordingInfo:
+        """As the recording's."""
+        return self._recording.info
+
+    @property
+    def skipped(self) -> list[SkippedFrame]:
+        """Frames skipped so far by the latest `frames()`."""
+        return self._recording.skipped
+
+    @property
+    def remarks(self) -> list[str]:
+        """The recording's own, and what speaks against its poses."""
+        found = []
+        speed, stamp_s = self._fastest
+        if speed:
+            found.append(
+                f"the given poses move the camera at {speed:.4g} m/s (at {stamp_s:.6f} s); are they in metres?"
+            )
+        if self._views >= _LEAST_PAIRS and not self._moving:
+            found.append(f"all given poses are the same, but the depth images change; {IGNORE}")
+        elif self._against >= max(_LEAST_PAIRS, _PRONE * self._for):
+            found.append(
+                f"in {self._against} frames the depth contradicts the given poses: it fits a camera at rest better; "
+                f"{IGNORE}"
+            )
+        return [*self._recording.remarks, *found]
+
+    def frames(self) -> Iterator[Frame]:
+        """The readable frames.
+
+        Raises:
+            RecordingError: A pose is too far away.
+        """
+        self._start()
+        last: tuple[Pose3, float] | None = None
+        view: tuple[Pose3, DepthView] | None = None
+        for frame in self._recording.frames():
+            if fault := far_pose(frame):
+                raise RecordingError(f"{self.info.name}: frame at {frame.stamp_s} s: {fault}")
+            pose = frame.T_world_camera
+            if pose is not None:
+                if last is not None:
+                    self._check_step(*last, pose, frame.stamp_s)
+                last = pose, frame.stamp_s
+            if (
+                pose is not None
+                and frame.depth is not None
+                and (view is None or self._check_view(*view, pose, frame.depth))
+            ):
+                view = pose, frame.depth
+            yield frame
+
+    def _check_step(self, last: Pose3, last_s: float, pose: Pose3, stamp_s: float) -> None:
+        step_m, pause_s = math.dist(last.position, pose.position), stamp_s - last_s
+        if step_m > _FAR_M and step_m > _FAST_M_S * pause_s > 0.0:
+            self._fastest = max(self._fastest, (step_m / pause_s, stamp_s))
+        self._moving |= step_m > 0.0 or not np.array_equal(last.rotation, pose.rotation)
+
+    def _check_view(self, last: Pose3, seen: DepthView, pose: Pose3, depth: DepthView) -> bool:
+        """Whether the view has changed; then the poses are judged."""
+        rest = _agreement(seen, depth, Pose3())
+        if rest is None or rest > _CHANGED:
+            return rest is None
+        self._views += 1
+        given = _agreement(seen, depth, last.inverse() @ pose)
+        if given is not None:
+            self._for += given > rest + _CLEAR
+            self._against += rest > given + _CLEAR
+        return True
+
+
+def _agreement(other: DepthView, one: DepthView, T_other_one: Pose3) -> float | None:
+    """Share of the pixels seen by two cameras whose depths agree; None if these pixels are few."""
+    z = one.depth[::_STEP_PX, ::_STEP_PX]
+    rays = one.camera.rays[::_STEP_PX, ::_STEP_PX]
+    valid = np.isfinite(z)
+    points = (rays[valid] * z[valid][:, None]) @ T_other_one.rotation.T + T_other_one.position
+    ahead = points[points[:, 2] > 0.05]
+    with np.errstate(all="ignore"):  # poses may be absurd
+        inside, u, v = other.camera.nearest_pixels(ahead)
+    seen = other.depth[v[inside], u[inside]]
+    expected = ahead[inside, 2]
+    both = np.isfinite(seen)
+    if both.sum() < max(_LEAST_SEEN * len(points), 20):
+        return None
+    return float(np.mean(np.abs(seen - expected)[both] < _SAME * expected[both]))

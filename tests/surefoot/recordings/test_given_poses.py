@@ -1,0 +1,114 @@
+"""Poses that cannot be those of the camera are remarked on; right ones are not."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from perception.primitives.camera import Camera
+from perception.primitives.frame import DepthView, Frame
+from perception.primitives.pose import Pose3
+from surefoot.recordings.given_poses import GivenPoses
+from surefoot.recordings.recording import RecordingInfo
+from surefoot.recordings.without_poses import open_input
+
+CAMERA = Camera.from_view(160, 120, 1.2, 0.9)
+ROOM = np.array([2.0, 1.2, 3.0])  # half of its sides, m
+TURNED = Pose3(quat_xyzw=(-0.6, 0.3, -0.2, 0.71))
+
+
+class Walk:
+    """A camera in an empty room, and what is said about its poses."""
+
+    def __init__(self, poses, given):
+        self.info = RecordingInfo("walk", "plain", poses_given=True)
+        self.skipped, self.remarks = [], ["its own"]
+        self._all = list(zip(poses, given, strict=True))
+
+    def frames(self):
+        for i, (pose, given) in enumerate(self._all):
+            yield Frame(0.2 * i, depth=DepthView(seen(pose), CAMERA), T_world_camera=given)
+
+
+def seen(pose):
+    """Depth of the walls."""
+    rays = CAMERA.rays @ pose.rotation.T
+    with np.errstate(divide="ignore"):
+        walls = (np.sign(rays) * ROOM - pose.position) / rays
+    return np.where(np.isfinite(walls), walls, np.inf).min(axis=-1).astype(np.float32)
+
+
+def walk(count=20):
+    return [pose(0.1 * i, (0.5 * np.sin(0.2 * i), 0.02 * i, 0.05 * i)) for i in range(count)]
+
+
+def pose(yaw, position):
+    tilt = Rotation.from_euler("x", -0.2)
+    return Pose3.from_rotation(
+        (Rotation.from_euler("y", yaw) * tilt).as_matrix(), np.array(position)
+    )
+
+
+def remarks(poses, given):
+    recording = GivenPoses(Walk(poses, given))
+    assert len(list(recording.frames())) == len(poses)
+    assert recording.remarks[0] == "its own"
+    return recording.remarks[1:]
+
+
+def wxyz(one):
+    """Of a world whose axes are not those of the camera."""
+    one = TURNED @ one
+    x, y, z, w = Rotation.from_matrix(one.rotation).as_quat().tolist()
+    return Pose3(tuple(one.position), (w, x, y, z))
+
+
+def millimetres(one):
+    return Pose3.from_rotation(one.rotation, 1000.0 * one.position)
+
+
+@pytest.mark.parametrize("world", [Pose3(), Pose3((1e5, -3.0, 4.0), (0.5, -0.5, 0.5, -0.5))])
+def test_right_poses_pass_in_any_world(world):
+    assert remarks(walk(), [world @ one for one in walk()]) == []
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (wxyz, "the depth contradicts the given poses"),
+        (lambda one: one.inverse(), "the depth contradicts the given poses"),
+        (lambda one: Pose3((1.0, 2.0, 3.0)), "all given poses are the same, but the depth"),
+        (millimetres, "m/s .*are they in metres?"),
+    ],
+)
+def test_wrong_poses_are_remarked_on(wrong, words):
+    (remark,) = remarks(walk(), [wrong(one) for one in walk()])
+    assert re.search(words, remark)
+
+
+def test_a_camera_at_rest_may_have_one_pose():
+    poses = [pose(0.3, (0.0, 0.0, 0.0))] * 20
+    assert remarks(poses, poses) == []
+
+
+def test_a_jump_is_remarked_on_with_its_speed_and_time():
+    given = walk()
+    given[7:] = [Pose3.from_rotation(one.rotation, one.position + 30.0) for one in given[7:]]
+    (remark,) = remarks(walk(), given)
+    assert remark.startswith("the given poses move the camera at 260.1 m/s (at 1.400000 s)")
+
+
+def test_absurd_poses_are_remarked_on_without_a_warning():
+    given = [Pose3.from_rotation(one.rotation, one.position * 1e200) for one in walk()]
+    assert "are they in metres?" in remarks(walk(), given)[0]
+
+
+def test_a_recording_opened_for_a_run_is_watched(tum):
+    edited = "".join(f"{10 + i / 2} {900 * i} 0 0 0 0 0 1\n" for i in range(4))
+    (tum / "groundtruth.txt").write_text(edited)
+    recording = open_input(tum)
+    list(recording.frames())
+    assert "the given poses move the camera at 1800 m/s" in recording.remarks[-1]
