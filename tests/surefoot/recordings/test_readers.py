@@ -248,8 +248,8 @@ def test_plain_with_stamps_in_the_names_pairs_colour_by_time(plain):
 
 
 def test_a_superscript_in_a_name_is_no_number(plain):
-    (plain / "depth/0.png").rename(plain / "depth/a².png")
-    (plain / "color/0.png").rename(plain / "color/a².png")
+    (plain / "depth/0.png").rename(plain / "depth/1²0.png")
+    (plain / "color/0.png").rename(plain / "color/1²0.png")
     assert len(list(open_recording(plain).frames())) == 3
 
 
