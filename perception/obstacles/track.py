@@ -273,7 +273,7 @@ class Track:
     def _same(self, seen: Detection) -> float:
         """Probability that a detection associated with this obstacle is of it, and not of a new one."""
         own = self.density(seen.position[None], seen.covariance[None])[0]
-        own *= alike(np.array(seen.radius_m), np.array(self.radius_m))
+        own *= alike(np.array(seen.radius_m - self.radius_m))
         return float(own / (own + NEW_PER_M2))
 
     def _doubt_motion(self, same: float) -> None:
@@ -332,12 +332,9 @@ def largest_sigma(state: Gaussian) -> float:
     return math.sqrt((a + d) / 2.0 + math.hypot((a - d) / 2.0, b))
 
 
-def alike(
-    seen_m: Float[np.ndarray, "*n"], known_m: Float[np.ndarray, "*n"]
-) -> Float[np.ndarray, "*n"]:
-    """Likelihood of the radius of a detection by that of a track, both m, against a new obstacle's."""
-    off = (seen_m - known_m) / RADIUS_SIGMA_M
-    return np.maximum(np.exp(-0.5 * off**2), UNLIKE_SHARE)
+def alike(difference_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    """Likelihood of a difference between the radii of a detection and a track, m, against that of a new obstacle."""
+    return np.asarray(np.maximum(np.exp(-0.5 * (difference_m / RADIUS_SIGMA_M) ** 2), UNLIKE_SHARE))
 
 
 def _log_odds(probability: float) -> float:

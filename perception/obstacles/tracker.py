@@ -196,7 +196,7 @@ class ObstacleTracker:
         )
         radii = np.array([seen.radius_m for seen in detections])
         known = np.array([record.track.radius_m for record in self._records])
-        density = density * alike(radii, known[:, None])
+        density = density * alike(radii - known[:, None])
         cost = -2.0 * np.log(np.maximum(density, 1e-300))
         gate = -2.0 * math.log(NEW_PER_M2)
         least = min(float(cost.min()), gate)
