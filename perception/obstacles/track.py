@@ -51,7 +51,7 @@ PLACE, VELOCITY, VIEW = slice(0, 2), slice(2, 4), slice(4, 7)
 
 SHAPE_MEMORY_S = 5.0  # ours: time in which the shift of a partly visible centre decays to 1/e
 DRIFT_M2PS, DRIFT_RAD2PS = 0.003**2, math.radians(0.15) ** 2
-"""Ours: growth of the variances of a pose by odometry, per axis and of the heading, per second."""
+"""Ours: growth of the variances of a pose by odometry, per axis and of the heading, per second; wide for a walk."""
 
 SLOW_MPS = 0.03  # seed 001: the slowest obstacles
 TRAVEL_SHARE = 0.7  # ours: travel, in radii, without which an obstacle is not moving
@@ -149,7 +149,7 @@ class Track:
         self._first_radius_m = radius_m
         self._travelled = self._watched_s = 0.0
         self._proven = False
-        self._before = _log_odds(1.0 - float(self._belief.w[STILL]))
+        self._prior_odds = _log_odds(1.0 - float(self._belief.w[STILL]))
 
     @property
     def moving(self) -> float:
@@ -249,7 +249,7 @@ class Track:
         self._gone = self._going()
         self._state = self._motion = self._expected = None
         still = float(w[STILL])
-        self._proven |= _log_odds(1.0 - still) - self._before > PROOF
+        self._proven |= _log_odds(1.0 - still) - self._prior_odds > PROOF
         self._mover = 1.0 if self._proven else self._mover
         self.radius_m = max(seen.radius_m, 0.9 * self.radius_m + 0.1 * seen.radius_m)
         x0, y0 = self.state.mean[:2].tolist()
