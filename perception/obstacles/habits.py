@@ -17,11 +17,12 @@ from ._track_kernels import CURVING, MODES, PAUSING, STILL, STRAIGHT, TURNED
 STILL_S = 60.0  # ours: a wide prior; until a still obstacle goes, before it has stood
 PARKED_S = 10.0  # ours: a wide prior; of standing after which a pausing obstacle is still
 PAUSE_S = 3.0  # ours: a wide prior; until a pausing obstacle goes on, before any pause is seen
-HABIT_S = 15.0  # ours: a wide prior; until a moving obstacle turns, and until it pauses, before it has shown either
-CURVE_S = 10.0  # ours: a wide prior; between straight and curving, if it does both as often
+EVENTS = 0.25  # ours: weak; turns, stops and starts that the prior of their rates is worth
+HABIT_S = 60.0  # ours: a wide prior; until a moving obstacle turns, and until it pauses, before it has shown either
+CURVE_S = 30.0  # ours: a wide prior; between straight and curving, if it does both as often
 SETTLE_S = 1.0  # ours: a wide prior; until a new velocity counts as straight or curving
 SPEED_S = 2.0  # ours: a wide prior; time in motion that the prior speed is worth
-CURVES_PER_S = 0.2  # ours: growth of the variance of the velocity while curving, in shares of its mean square speed
+CURVES_PER_S = 0.3  # ours: growth of the variance of the velocity while curving, in shares of its mean square speed
 STRAIGHT_M2PS3 = 5e-6  # ours: power density of the acceleration while straight: 7 mm/s after 10 s
 LONGEST_S = 1.0  # ours: a detection tells of so much of the time since the one before
 
@@ -31,8 +32,9 @@ class Habits:
 
     def __init__(self, speed_sigma_mps: float) -> None:
         """Know nothing but the usual speed per axis, m/s."""
-        self._turns = self._starts = 1.0
-        self._moved_s, self._paused_s, self._stood_s = HABIT_S, PAUSE_S, STILL_S
+        self._turns = self._starts = EVENTS
+        self._moved_s, self._paused_s = EVENTS * HABIT_S, EVENTS * PAUSE_S
+        self._stood_s = STILL_S
         self._straight_s = self._curved_s = CURVE_S
         self._square, self._square_s = 2.0 * speed_sigma_mps**2, SPEED_S
         self._directions = np.eye(2)  # worth two legs

@@ -60,7 +60,7 @@ PROOF = 3.0  # ours: about log(20), likelihood ratio that proves motion; noise o
 STRAY_PER_M2 = 1.0  # ours: density of stray detections
 NEW_PER_M2 = 0.02  # ours: density of new obstacles per frame
 RADIUS_SIGMA_M = 0.012  # ours: of the radius between two complete views of an obstacle
-UNLIKE_SHARE = 0.001  # ours: share of the likelihood left to a detection of another size
+UNLIKE_SHARE = 0.0001  # ours: share of the likelihood left to a detection of another size
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class TrackConfig:
         0.25, "", "prior probability that an obstacle moves", "seed 001: 4 of 16 obstacles"
     )
     shape_per_m: float = (
-        0.4  # ours: error of a partly visible centre is this times radius squared, m
+        0.3  # ours: error of a partly visible centre is this times radius squared, m
     )
 
     def __post_init__(self) -> None:

@@ -178,7 +178,7 @@ class ObstacleTracker:
                 record = Record(track, self._born, stamp_s, stamp_s)
                 record.compare(Snapshot.of(seen, stamp_s, robot, through))
                 self._records.append(record)
-        self._merge()
+        self._merge(stamp_s)
         doubt_carried([one for one in self._records if one.seen_s == stamp_s])
 
     def _usable(self, seen: Detection) -> bool:
@@ -262,15 +262,17 @@ class ObstacleTracker:
             return False
         return largest_sigma(record.track.state) < self.config.largest_sigma_m
 
-    def _merge(self) -> None:
-        """Keep the older of two tracks of one obstacle; one that has lost its own may be anywhere."""
+    def _merge(self, stamp_s: float) -> None:
+        """Keep the older of two tracks of one obstacle, if one is seen now; one that has lost its own may be anywhere."""
         kept: list[Record] = []
         for record in self._records:
             x, y = record.track.state.mean[:2].tolist()
             for older in kept:
                 a, b = older.track.state.mean[:2].tolist()
                 same = SAME_SHARE * min(record.track.radius_m, older.track.radius_m)
-                if math.hypot(x - a, y - b) < same and largest_sigma(older.track.state) < same:
+                if stamp_s not in (record.seen_s, older.seen_s) or math.hypot(x - a, y - b) >= same:
+                    continue
+                if largest_sigma(older.track.state) < same:
                     break
             else:
                 kept.append(record)

@@ -136,7 +136,8 @@ class Guard:
     def _least_dangerous(self, plans: np.ndarray, scene: _Scene, cheapest: int) -> int:
         """The cheapest plan that keeps the bound, unless the cheapest of all is less dangerous until its end.
 
-        If none keeps the bound, the cheapest of those as good as the least dangerous until its end.
+        If none keeps the bound, the cheapest of those as good as the least dangerous until its end; a contact that is
+        sure is never as good as one that is only likely.
         """
         danger, bound = scene.dangers(plans), self.config.risk
         if danger.min() <= bound:
@@ -148,7 +149,8 @@ class Guard:
             return cheapest
         self.word, danger = "least risk", scene.dangers(plans, to_the_end=True)
         least = float(danger.min())
-        return self._cheapest(plans, scene, danger <= least + max(SAME_SHARE * least, SAME_RISK))
+        as_good = danger <= least + max(SAME_SHARE * least, SAME_RISK)
+        return self._cheapest(plans, scene, as_good & ((danger < 1.0) | (least == 1.0)))
 
     def _cheapest(self, plans: np.ndarray, scene: _Scene, allowed: Bool[np.ndarray, "c"]) -> int:
         among = np.flatnonzero(allowed)

@@ -176,11 +176,12 @@ def test_the_walked_places_of_a_straight_plan_lie_on_a_line():
     np.testing.assert_allclose(poses[:, 1], [2.02, 2.04, 2.04, 2.04, 2.04, 2.04], atol=1e-12)
 
 
+@pytest.mark.parametrize("speed_mps", [0.06, 0.1])
 @pytest.mark.parametrize("seed", range(6))
-def test_no_plan_keeps_the_bound_by_walking_into_something_static(seed):
+def test_no_plan_keeps_the_bound_by_walking_into_something_static(seed, speed_mps):
     rng = np.random.default_rng(seed)
     behind = -0.33 * np.array([1.0, rng.uniform(-0.4, 0.4)])
-    lost = tracked(behind, np.array([0.06, 0.0]), seed)
+    lost = tracked(behind, np.array([speed_mps, 0.0]), seed)
     along = np.arange(-0.6, 0.6, 0.04)
     wall = np.column_stack([np.full(len(along), 0.24), along])
     guard = Guard(GuardConfig(risk=0.01))
