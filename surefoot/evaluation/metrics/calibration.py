@@ -7,9 +7,10 @@ prediction); Bar-Shalom et al. 2001, section 5.4 (NEES).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.special import ndtr
 
 from perception.filtering.consistency import chi_square_quantile
@@ -67,6 +68,29 @@ def coverage_sigma(fitted: int, tested: int, share: float = SHARE) -> float:
     scores scatter about that share.
     """
     return math.sqrt(share * (1.0 - share) * (1.0 / fitted + 1.0 / tested))
+
+
+def correlation_time(outside: Sequence[Bool[np.ndarray, "n"]], share: float = SHARE) -> float:
+    """How many successive scores count as one independent score, for the coverage of a region; at least 1.
+
+    1 + 2 sum rho(k), the autocorrelation of being outside, up to the first lag at which it is not positive. Failures
+    come in bursts, so that scores may be alike even where their errors are not correlated.
+
+    Args:
+        outside: Of each series, whether a score is outside its region, in order of time.
+        share: Of the region.
+
+    Source: Geyer 1992, section 3.3 (initial positive sequence).
+    """
+    away = [np.asarray(one, np.float64) - (1.0 - share) for one in outside]
+    variance = sum(float(one @ one) for one in away)
+    found = 1.0
+    for lag in range(1, max(map(len, away))):
+        alike = sum(float(one[:-lag] @ one[lag:]) for one in away if len(one) > lag) / variance
+        if alike <= 0.0:
+            break
+        found += 2.0 * alike
+    return found
 
 
 def by_halves(whitened: Float[np.ndarray, "n k"]) -> dict[str, float]:

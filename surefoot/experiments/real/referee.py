@@ -5,11 +5,11 @@ Leaderboard: `leaderboard`, on the shared recordings and on Replica's office ren
 Conformal: the score of a frame is the error of its motion since the frame before, whitened by the claimed covariance
 (by the same 1 cm and 0.5 deg everywhere, where a method claims none). The first half of a recording gives the
 radius of the 90 % region of each method, the second half tests it. Motions are taken because their errors are nearly
-independent (correlation of their scores below 0.1 from one to the next); those of poses are not, and no region fitted
-to a part of a trajectory would hold on the rest. The coverage is that over all recordings; in a single one it is higher
-or lower, as the table says. Chance moves it too, by the motions that it is fitted on as much as by those it is tested on:
-by 2.7 % (one deviation) with the 250 of each half of Replica. Four noises on four different sets of Replica's views make
-that 1.3 %, less than half of the distance to a bound.
+independent; those of poses are not, and no region fitted to a part of a trajectory would hold on the rest. The coverage
+is that over all recordings; in a single one it is higher or lower, as the table says. Chance moves it too, by the motions
+that it is fitted on as much as by those it is tested on: by 1.3 % (one deviation) with four noises on four different sets
+of Replica's views if motions are independent. Where a method fails in bursts they are not, and chance moves it more;
+the table says how many motions count as one.
 
 Alarm: weights and threshold were chosen on the first half of Replica's trajectory and on 7-Scenes' sweep
 (`perception.odometry.alarm`); this reports on its second half, 7-Scenes' pan and TUM's cabinet, with other breaks.
@@ -29,7 +29,12 @@ from perception.filtering.consistency import chi_square_quantile
 from perception.primitives.errors import InputError
 from perception.primitives.frame import Frame
 
-from ...evaluation.metrics.calibration import SHARE, conformal_radius, coverage_sigma
+from ...evaluation.metrics.calibration import (
+    SHARE,
+    conformal_radius,
+    correlation_time,
+    coverage_sigma,
+)
 from ...evaluation.metrics.consistency import squared, whitened
 from ...recordings.open import open_recording
 from ..support import real_data
@@ -100,10 +105,15 @@ def conformal(tracks: dict[str, list[Track]]) -> Part:
         inside = float(np.mean(np.concatenate(held)))
         claimed = float(np.mean(np.concatenate([second <= exact for _, second in halves])))
         count, each = sum(map(len, held)), [float(np.mean(one)) for one in held]
+        outside = [
+            half > conformal_radius(first) for first, second in halves for half in (first, second)
+        ]
+        alike = correlation_time(outside)
         chance = coverage_sigma(sum(len(first) for first, _ in halves), count)
+        chance *= math.sqrt(alike)
         table.append(
             f"{method:<12} 90 % regions of {count} motions: {inside:.1%} inside the conformal ones (chance +-{chance:.1%}, "
-            f"of single recordings {min(each):.0%} to {max(each):.0%}), "
+            f"{alike:.1f} motions count as one, of single recordings {min(each):.0%} to {max(each):.0%}), "
             + (f"{claimed:.1%} inside the claimed ones" if claims else WITHOUT)
         )
         if count >= LEAST:

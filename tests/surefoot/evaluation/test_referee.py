@@ -30,6 +30,7 @@ from surefoot.evaluation.metrics.calibration import (
     TOO_SURE,
     by_halves,
     conformal_radius,
+    correlation_time,
     coverage_sigma,
     crps,
     verdict,
@@ -524,6 +525,24 @@ def test_the_scatter_of_a_coverage_is_that_of_fit_and_test_together():
         for _ in range(3000)
     ]
     assert np.std(covered) == pytest.approx(coverage_sigma(200, 80), rel=0.05)
+
+
+def _bursts(rng: np.random.Generator, count: int, lasts: float) -> np.ndarray:
+    """Indicators of failures, one tenth of all, in bursts of a mean length: a Markov chain."""
+    failing, ends = np.zeros(count, np.bool_), 1.0 / lasts
+    for k in range(1, count):
+        begins = ends * 0.1 / 0.9
+        failing[k] = rng.random() >= ends if failing[k - 1] else rng.random() < begins
+    return failing
+
+
+@pytest.mark.parametrize("lasts", [1.0 / 0.9, 8.0])
+def test_failures_in_bursts_count_as_fewer_as_their_share_scatters_more(lasts):
+    """The variance of the share of failures is that of independent ones times the correlation time."""
+    rng = np.random.default_rng(5)
+    series = [_bursts(rng, 1000, lasts) for _ in range(300)]
+    scatter = np.var([one.mean() for one in series]) / (0.1 * 0.9 / 1000)
+    assert correlation_time(series) == pytest.approx(scatter, rel=0.2)
 
 
 def test_what_is_fitted_on_the_first_half_mends_the_second():
