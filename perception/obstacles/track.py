@@ -44,7 +44,7 @@ from ._track_kernels import (
     STRAIGHT,
     Belief,
 )
-from .habits import STRAIGHT_M2PS3, Habits, pushes
+from .habits import LONGEST_S, STRAIGHT_M2PS3, Habits, pushes
 
 PLACE, VELOCITY, VIEW = slice(0, 2), slice(2, 4), slice(4, 7)
 """Entries: x, y; vx, vy of the obstacle; error of the viewpoint in x, y, yaw; m, m/s, rad, world axes."""
@@ -53,6 +53,7 @@ SHAPE_MEMORY_S = 5.0  # ours: time in which the shift of a partly visible centre
 DRIFT_M2PS, DRIFT_RAD2PS = 0.003**2, math.radians(0.15) ** 2
 """Ours: growth of the variances of a pose by odometry, per axis and of the heading, per second; wide for a walk."""
 
+STAYS_S = 30.0  # ours: what stays in its place for so long, while it is watched, moves with the prior probability
 SLOW_MPS = 0.03  # seed 001: the slowest obstacles
 TRAVEL_SHARE = 0.7  # ours: travel, in radii, without which an obstacle is not moving
 UNSURE = 0.5  # largest probability of moving without proof
@@ -147,7 +148,8 @@ class Track:
         """Measure travel from a place, without proof of motion."""
         self._first_x, self._first_y = x[:2].tolist()
         self._first_radius_m = radius_m
-        self._travelled = self._watched_s = 0.0
+        self._travelled = self._watched_s = self._stays_s = 0.0
+        self._here = self._first_x, self._first_y
         self._proven = False
         self._prior_odds = _log_odds(1.0 - float(self._belief.w[STILL]))
 
@@ -245,6 +247,7 @@ class Track:
             _track_kernels.learn(x[m], P[m], self._robot, position, noise)
         self._habits.learn(w, self._gone[0][VELOCITY], self._unseen_s, self._mover)
         self._watched_s += self._unseen_s
+        self._stays_s += min(self._unseen_s, LONGEST_S)
         self._unseen_s = 0.0
         self._gone = self._going()
         self._state = self._motion = self._expected = None
@@ -257,6 +260,10 @@ class Track:
         resized = abs(self.radius_m - self._first_radius_m)
         self._travelled = max(self._travelled, distance - resized)
         self.height_m = max(seen.height_m, self.height_m)
+        if math.dist((x0, y0), self._here) > self.radius_m:
+            self._here, self._stays_s = (x0, y0), 0.0
+        elif self._stays_s > STAYS_S and still < 1.0 - self.config.moving_prior:
+            self._doubt_motion(0.0)
         return Innovation(None, np.array(innovation))
 
     def _lost(self) -> bool:

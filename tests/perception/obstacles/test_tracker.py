@@ -775,6 +775,21 @@ def test_a_thing_of_another_size_where_a_mover_was_lost_is_furniture():
     assert still[1] > 0.5
 
 
+def test_furniture_that_took_the_place_of_a_mover_is_furniture_after_a_while():
+    """It is seen in part, with an error of a decimetre; a velocity of almost nothing explains it as well as rest."""
+    rng, tracker = np.random.default_rng(9), ObstacleTracker()
+    for k in range(25):
+        tracker.update(0.3 * k, [seen_at(0.5 + 0.03 * k, 0.5, radius_m=0.3)], SURE)
+    (mover,) = tracker.obstacles
+    assert mover.moving > 0.5
+    for k in range(25, 175):
+        place = np.array([1.3, 0.5]) + 0.1 * rng.standard_normal(2)
+        seen = Detection(place, np.eye(2) * 0.1**2, 0.3, 0.4)
+        tracker.update(0.3 * k, [seen], SURE)
+    (thing,) = tracker.obstacles
+    assert thing.moving < 0.1
+
+
 def test_what_remains_of_the_error_of_the_viewpoint_is_what_a_kalman_filter_leaves():
     rng = np.random.default_rng(8)
     for _ in range(20):
