@@ -204,7 +204,7 @@ def save_ply(
 
 
 def load_ply(
-    path: Path,
+    path: str | Path,
 ) -> tuple[Float[np.ndarray, "n 3"], UInt8[np.ndarray, "n 3"] | None]:
     """Finite points of a cloud that `save_ply` wrote, m, and their colours, RGB, or None.
 

@@ -96,7 +96,7 @@ def save(
 
 
 def load(
-    path: Path,
+    path: str | Path,
 ) -> tuple[dict[str, Float32[np.ndarray, "rows columns"]], Float[np.ndarray, "2"], float]:
     """Layers by name, origin and side of a cell, of a file that `save` wrote.
 

@@ -71,7 +71,7 @@ def save(path: Path, grid: EgocentricGrid, confidence: ConfidenceLayer | None = 
     return path
 
 
-def load(path: Path) -> tuple[EgocentricGrid, ConfidenceLayer | None]:
+def load(path: str | Path) -> tuple[EgocentricGrid, ConfidenceLayer | None]:
     """Read a map; every value in the file is checked.
 
     Raises:
@@ -102,7 +102,7 @@ def load(path: Path) -> tuple[EgocentricGrid, ConfidenceLayer | None]:
     return grid, layer
 
 
-def _arrays(path: Path) -> dict[str, np.ndarray]:
+def _arrays(path: str | Path) -> dict[str, np.ndarray]:
     """All arrays of the file, with checksums verified and pickles refused."""
     try:
         return safe_input.arrays(path)
@@ -110,7 +110,9 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
         raise InputError(f"terrain map {path} {error}; save it again") from error
 
 
-def _settings(path: Path, content: Mapping[str, np.ndarray]) -> tuple[dict[str, Any], GridConfig]:
+def _settings(
+    path: str | Path, content: Mapping[str, np.ndarray]
+) -> tuple[dict[str, Any], GridConfig]:
     _expect(path, content, "format", (), "i")
     if int(content["format"]) != FORMAT:
         raise InputError(
@@ -127,7 +129,11 @@ def _settings(path: Path, content: Mapping[str, np.ndarray]) -> tuple[dict[str, 
 
 
 def _expect(
-    path: Path, content: Mapping[str, np.ndarray], name: str, shape: tuple[int, ...], kind: str
+    path: str | Path,
+    content: Mapping[str, np.ndarray],
+    name: str,
+    shape: tuple[int, ...],
+    kind: str,
 ) -> None:
     """One array, its shape, and its kind: f(loat), i(nteger), b(ool), U (text)."""
     if name not in content:
@@ -140,7 +146,7 @@ def _expect(
         )
 
 
-def _check_values(path: Path, content: Mapping[str, np.ndarray], config: GridConfig) -> None:
+def _check_values(path: str | Path, content: Mapping[str, np.ndarray], config: GridConfig) -> None:
     odds, seen = content["log_odds"], np.isfinite(content["log_odds"])
     limit = max(config.evidence.limit, 10.0)  # first observations may exceed the limit
     half = config.cell_m / 2 * (1 + 1e-9)

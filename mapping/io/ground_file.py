@@ -53,7 +53,7 @@ def entries(surfaces: Sequence[Surface], body: Pose2) -> dict[str, Any]:
     }
 
 
-def load(path: Path) -> tuple[tuple[Surface, ...], Pose2]:
+def load(path: str | Path) -> tuple[tuple[Surface, ...], Pose2]:
     """Surfaces of a file, and where the robot stood.
 
     Raises:

@@ -131,7 +131,7 @@ def _save_yaml(
     return target
 
 
-def load(path: Path) -> OccupancyMap:
+def load(path: str | Path) -> OccupancyMap:
     """Read a map by its yaml file, as map_server does.
 
     Mode "trinary" gives p of 0 (free), 0.5 (unknown) or 1 (occupied); "scale" keeps p between the thresholds, and
@@ -140,6 +140,7 @@ def load(path: Path) -> OccupancyMap:
     Raises:
         InputError: A file is missing, truncated or of another format, or the map is rotated.
     """
+    path = Path(path)
     entries = _entries(path)
     image = entries["image"].strip("\"'")
     pixels, opaque = _read_image(path.parent / image)

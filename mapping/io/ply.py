@@ -26,7 +26,7 @@ _TRIANGLES = re.compile(
 _HEADER = re.compile(rb"ply\r?\n(.{0,20000}?)end_header\r?\n", re.DOTALL)
 
 
-def read_points(path: Path) -> np.ndarray:
+def read_points(path: str | Path) -> np.ndarray:
     """The points of a file: an array with one field per property.
 
     Raises:
@@ -35,7 +35,7 @@ def read_points(path: Path) -> np.ndarray:
     return _points(safe_input.data(path))[0]
 
 
-def read_mesh(path: Path) -> tuple[np.ndarray, Int32[np.ndarray, "m 3"]]:
+def read_mesh(path: str | Path) -> tuple[np.ndarray, Int32[np.ndarray, "m 3"]]:
     """The points of a file as `read_points` gives them, and its triangles, indices of points.
 
     Raises:

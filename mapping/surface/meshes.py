@@ -76,7 +76,7 @@ def save_mesh(path: Path, mesh: Mesh) -> None:
         file.write(triangles.tobytes())
 
 
-def load_mesh(path: Path) -> Mesh:
+def load_mesh(path: str | Path) -> Mesh:
     """A mesh that `save_mesh` wrote.
 
     Raises:

@@ -195,7 +195,7 @@ def save_layers(path: Path, layers: Traversability) -> None:
         )
 
 
-def load_layers(path: Path) -> dict[str, np.ndarray]:
+def load_layers(path: str | Path) -> dict[str, np.ndarray]:
     """The arrays that `save_layers` wrote, by name.
 
     Raises:

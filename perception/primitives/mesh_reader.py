@@ -40,7 +40,7 @@ class MeshError(ValueError):
     """A file without a usable surface; the message says what is wrong, without its name."""
 
 
-def read(path: Path) -> Surface:
+def read(path: str | Path) -> Surface:
     """A mesh, or a cloud if the file holds no triangles.
 
     Raises:
@@ -69,7 +69,7 @@ def read(path: Path) -> Surface:
 _reader: subprocess.Popen[bytes] | None = None
 
 
-def _answer(path: Path) -> tuple[dict[str, Any], bytes, bytes]:
+def _answer(path: str | Path) -> tuple[dict[str, Any], bytes, bytes]:
     """What the process says of a file, and the content of its arrays."""
     global _reader
     if _reader is None or _reader.poll() is not None:
@@ -82,7 +82,7 @@ def _answer(path: Path) -> tuple[dict[str, Any], bytes, bytes]:
     asked, said = _reader.stdin, _reader.stdout
     assert asked is not None
     assert said is not None
-    asked.write(json.dumps(str(path.resolve())).encode() + b"\n")
+    asked.write(json.dumps(str(Path(path).resolve())).encode() + b"\n")
     asked.flush()
     if not select.select([said], [], [], MOST_SECONDS)[0]:
         raise MeshError(f"takes more than {MOST_SECONDS:.0f} s to read; simplify the mesh")

@@ -37,13 +37,14 @@ class MissingError(UnreadableError):
     """There is no such file."""
 
 
-def data(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+def data(path: str | Path, most_bytes: int = MOST_BYTES) -> bytes:
     """The content of a regular file.
 
     Raises:
         MissingError: There is no such file.
         UnreadableError: It is a folder, a pipe or a device, too large, or cannot be read.
     """
+    path = Path(path)
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
@@ -60,8 +61,9 @@ def data(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
         raise UnreadableError(f"has an impossible name ({error})") from error
 
 
-def text(path: Path) -> str:
+def text(path: str | Path) -> str:
     """The content of a UTF-8 text file without its byte order mark, also gzipped (.gz); errors as of `data`."""
+    path = Path(path)
     content = data(path, MOST_TEXT_BYTES)
     if path.suffix == ".gz":
         content = _unzipped(content)
@@ -130,7 +132,7 @@ def whole(word: str) -> int | None:
     return int(word) if digits else None
 
 
-def table(path: Path, delimiter: str | None = None) -> Float64[np.ndarray, "n k"]:
+def table(path: str | Path, delimiter: str | None = None) -> Float64[np.ndarray, "n k"]:
     """The numbers of a text file, also gzipped, with the same count in every line; # begins a comment.
 
     Args:
@@ -150,7 +152,7 @@ def table(path: Path, delimiter: str | None = None) -> Float64[np.ndarray, "n k"
         raise UnreadableError(f"is not a table of numbers ({error})") from error
 
 
-def arrays(path: Path) -> dict[str, Shaped[np.ndarray, "..."]]:
+def arrays(path: str | Path) -> dict[str, Shaped[np.ndarray, "..."]]:
     """The arrays of a file of NumPy (.npz).
 
     Raises:
