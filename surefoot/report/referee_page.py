@@ -13,6 +13,7 @@ from typing import Any
 from ..evaluation.metrics.calibration import IN_BAND
 from ..evaluation.referee import Verdict
 from ..results.run_folder import RunFolder
+from ..results.version import commit, version
 from .cards import Card
 from .plots.referee import pictures
 from .sections import card_item, figure_rows, plot_section
@@ -27,7 +28,7 @@ FILES = {
 
 
 def write_page(folder: RunFolder, verdict: Verdict, command: Sequence[str]) -> Path:
-    """Write metrics.json, errors.csv, the plots and report.html.
+    """Write metrics.json, summary.json, errors.csv, the plots and report.html.
 
     Raises:
         OutputError: The folder cannot be written.
@@ -35,7 +36,14 @@ def write_page(folder: RunFolder, verdict: Verdict, command: Sequence[str]) -> P
     metrics = verdict.metrics
     folder.write_json("metrics.json", metrics)
     folder.write_json(
-        "summary.json", {"kind": KIND, "name": folder.root.name, "command": shlex.join(command)}
+        "summary.json",
+        {
+            "kind": KIND,
+            "name": folder.root.name,
+            "command": shlex.join(command),
+            "version": version(),
+            "commit": commit(),
+        },
     )
     _write_errors(folder, verdict)
     drawn = pictures(verdict)

@@ -26,6 +26,8 @@ from surefoot.config.schema import Config
 from surefoot.recordings.identity import identity
 from surefoot.store.query import asker
 
+SCHEMAS = Path(__file__).resolve().parents[3] / "docs" / "schemas"
+
 
 def call(*words: object) -> tuple[int, str]:
     """Exit code and everything that was printed."""
@@ -503,6 +505,25 @@ def test_evaluate_judges_a_foreign_trajectory_and_says_the_factor(tmp_path, page
     assert page.count("<svg") == 3 or page.count("image/svg+xml") == 3
     code, shown = call("evaluate", *files, "--out", tmp_path / "plain")
     assert (code, "accuracy only" in shown) == (0, True)
+
+
+@pytest.mark.parametrize("name", ["summary", "metrics"])
+def test_the_json_files_of_a_judged_trajectory_follow_their_schemas(tmp_path, name):
+    jsonschema = pytest.importorskip("jsonschema")
+    for file in ("found.txt", "true.txt"):
+        rows = [[float(k), 0.1 * k, 0.01 * k**2, 0.0, 0.0, 0.0, 0.0, 1.0] for k in range(9)]
+        np.savetxt(tmp_path / file, rows)
+    files = ("--trajectory", tmp_path / "found.txt", "--truth", tmp_path / "true.txt")
+    code, shown = call("evaluate", *files, "--out", tmp_path / "out")
+    assert code == 0, shown
+    content = json.loads((tmp_path / "out" / f"{name}.json").read_text(encoding="utf-8"))
+    schema = json.loads((SCHEMAS / f"{name}.schema.json").read_text(encoding="utf-8"))
+    validator = jsonschema.Draft202012Validator(schema)
+    assert [error.message for error in validator.iter_errors(content)] == []
+    if name == "summary":  # only a judged trajectory has no frames
+        walk = content | {"kind": "simulation"}
+        missing = [error.message for error in validator.iter_errors(walk)]
+        assert missing == [f"{key!r} is a required property" for key in ("frames", "skipped")]
 
 
 @pytest.mark.parametrize(
