@@ -67,6 +67,7 @@ html_sidebars = {
         "experiments",
         "limits",
         "outputs",
+        "metrics",
         "settings",
         "recordings",
         "scenes",
