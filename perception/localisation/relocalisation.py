@@ -2,7 +2,8 @@
 
 Two sightings of known landmarks determine a pose on the floor with one number to spare, so they can
 contradict each other; then there is no result. A rigid alignment in the plane gives the initial value, and
-least squares with the covariance of the sightings refines it.
+least squares with the covariance of the sightings refines it. Landmarks that stand close together and far away leave the
+pose anywhere on an arc, or turned round: that is no Gaussian, and there is no result either.
 
 Source: alignment after Umeyama (1991), in the plane; its use after a kidnapping is ours.
 """
@@ -20,6 +21,8 @@ from ..filtering.models import range_bearing, sighting_difference, symmetric, wr
 from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Sighting
 
+STRAIGHT = 1.5  # ours: cost two deviations away, relative to that of a Gaussian, beyond which the pose is on an arc
+
 
 def pose_from_sightings(
     sightings: Sequence[Sighting],
@@ -36,8 +39,8 @@ def pose_from_sightings(
         gate_probability: Share of correct pairs that pass the test for contradictions.
 
     Returns:
-        Gaussian over (x, y, yaw), m and rad, world frame; None for fewer than two landmarks, two at one position, or
-        contradicting sightings.
+        Gaussian over (x, y, yaw), m and rad, world frame; None for fewer than two landmarks, two at one position or so
+        close that the pose is not Gaussian, or contradicting sightings.
     """
     if len(sightings) < 2 or float(np.ptp(positions, axis=0).max()) < 0.1:
         return None
@@ -52,12 +55,21 @@ def pose_from_sightings(
         pose = pose + step
         if float(np.abs(step).max()) < 1e-9:
             break
-    rest = sighting_difference(measured, range_bearing(pose, positions))
-    freedom = 2 * len(sightings) - 3
-    if not float(rest @ weight @ rest) <= chi_square_quantile(gate_probability, freedom):
+
+    def cost(pose: Float[np.ndarray, "3"]) -> float:
+        rest = sighting_difference(measured, range_bearing(pose, positions))
+        return float(rest @ weight @ rest)
+
+    least = cost(pose)
+    if not least <= chi_square_quantile(gate_probability, 2 * len(sightings) - 3):
+        return None
+    covariance = symmetric(np.linalg.inv(information))
+    values, vectors = np.linalg.eigh(covariance)
+    away = (2.0 * np.sqrt(values) * vectors).T
+    if max(cost(pose + step) for step in (*away, *-away)) > least + 4.0 * STRAIGHT:
         return None
     pose[2:] = wrap_angles(pose[2:])
-    return Gaussian(pose, symmetric(np.linalg.inv(information)))
+    return Gaussian(pose, covariance)
 
 
 def jacobian(

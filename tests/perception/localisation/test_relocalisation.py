@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import binom
 
-from perception.filtering.consistency import band, nees
+from perception.filtering.consistency import band, nees, share_inside
 from perception.filtering.models import range_bearing, wrap_angles
 from perception.localisation.localiser_noise import joint_noise
 from perception.localisation.relocalisation import jacobian, pose_from_sightings
@@ -33,7 +35,7 @@ def test_noise_free_sightings_give_the_pose(seed):
     rng = np.random.default_rng(seed)
     pose = rng.uniform([-3, -3, -math.pi], [3, 3, math.pi])
     places = rng.uniform([-5, 5], [5, 15], (3, 2))
-    found = pose_from_sightings(look(pose, places, None), places, noise(3))
+    found = pose_from_sightings(look(pose, places, None), places, 1e-4 * noise(3))
     assert found is not None
     np.testing.assert_allclose(found.mean[:2], pose[:2], atol=1e-6)
     assert abs(wrap_angles(found.mean[2:] - pose[2:])[0]) < 1e-6
@@ -64,6 +66,28 @@ def test_the_pose_is_consistent_with_its_covariance():
     assert len(errors) > 195
     low, high = band(3, len(errors), 0.999)
     assert low < nees(np.array(errors), np.array(covariances)).mean() < high
+
+
+@pytest.mark.parametrize("apart_m", [0.15, 0.5, 1.0, 2.0])
+def test_the_pose_from_landmarks_close_together_and_far_away_is_consistent_or_none(apart_m):
+    rng = np.random.default_rng(4)
+    inside = []
+    for _ in range(300):
+        pose, turn = np.array([*rng.uniform(-2, 2, 2), rng.uniform(-3, 3)]), rng.uniform(-3, 3)
+        middle = pose[:2] + 5.0 * np.array([math.cos(pose[2]), math.sin(pose[2])])
+        across = apart_m / 2 * np.array([math.cos(turn), math.sin(turn)])
+        places = middle + np.array([across, -across])
+        own = np.diag([0.1**2, 0.009**2])
+        seen = range_bearing(pose, places).reshape(-1, 2)
+        seen = seen + rng.multivariate_normal(np.zeros(2), own, 2)
+        sightings = [Sighting(i, row, own) for i, row in enumerate(seen)]
+        found = pose_from_sightings(sightings, places, joint_noise([own] * 2, 0.0))
+        if found is not None:
+            inside.append(
+                share_inside(nees((found.mean - pose)[None], found.covariance[None], (2,)), 3, 0.9)
+            )
+    assert np.sum(inside) >= binom.ppf(0.001, len(inside), 0.9) if inside else apart_m < 1.0
+    assert len(inside) > 250 or apart_m < 2.0
 
 
 def test_one_landmark_or_two_at_one_position_give_no_pose():
