@@ -5,7 +5,8 @@ no higher than the ground beside it and bars nothing; a wall, a table or a parap
 between the height of a step and the top of the robot above the ground of that place. Where no ground is known yet, what rises no
 steeper than a flight may be ground, and bars nothing.
 
-The gap between the body and an obstacle is Gaussian, by the place of the voxel and by that of the body.
+The gap between the body and an obstacle is Gaussian, by the place of the voxel and by that of the body. The voxel with the
+largest chance counts, which need not be the nearest: a farther one may be known less well.
 
 Source: ours.
 """
@@ -37,6 +38,7 @@ EDGE_M, BESIDE, BRINK = 0.35, 2.0, 8.0
 LOW_M = 0.10  # ours: above the ground of a place; lower things are stepped over or upon
 GAP_M, SAME_M = 0.15, 0.03  # ours: between surfaces that a step crosses; heights of one level
 LEVEL_M = 0.05  # ours: heights told apart
+SPREAD_M = 0.005  # ours: standard deviations told apart
 
 
 def terrain(
@@ -63,14 +65,14 @@ def terrain(
     inside = (row >= 0) & (row < COUNT) & (column >= 0) & (column < COUNT)
     row, column, z = row[inside], column[inside], voxels.places[inside, 2]
     sigma = np.sqrt(voxels.variance_m2[inside] + BODY_SIGMA_M**2)
+    sigma = SPREAD_M * np.ceil(sigma / SPREAD_M - 1e-9)
     filled, away = _nearest(ground, known)
     # Beyond known ground a flight may begin, whose treads are as long as a sole at least.
     flight = filled + robot.steps.up_m / robot.foot_m[0] * away
     # The highest ground beside a voxel, for the error of its place.
     beside = cv2.dilate(np.where(known, ground, flight), np.ones((5, 5)))
     above = z - VOXEL_M / 2 > beside[row, column] + LOW_M
-    order = np.flatnonzero(above)[np.argsort(sigma[above])]
-    row, column, z, sigma = row[order], column[order], z[order], sigma[order]
+    row, column, z, sigma = row[above], column[above], z[above], sigma[above]
     level = np.round(filled / LEVEL_M).astype(int)
     safe = float(norm.isf(risk))
     gap = np.full((COUNT, COUNT), math.inf)  # in standard deviations beyond the radius
@@ -78,12 +80,13 @@ def terrain(
     for one in np.unique(level):
         low = one * LEVEL_M + LOW_M
         high = (z + VOXEL_M / 2 > low) & (z - VOXEL_M / 2 < one * LEVEL_M + robot.height_m)
-        if not high.any():
-            continue
         at = level == one
-        away, spread = _distance(at, row[high], column[high], sigma[high])
-        away = away * VOXEL_M - VOXEL_M / 2 - robot.radius_m
-        gap[at], clear[at] = away / spread, away - safe * spread
+        for spread in np.unique(sigma[high]):
+            alike = high & (sigma == spread)
+            away = VOXEL_M * _distance(at, row[alike], column[alike])
+            away -= VOXEL_M / 2 + robot.radius_m
+            gap[at] = np.minimum(gap[at], away / spread)
+            clear[at] = np.minimum(clear[at], away - safe * spread)
     column, row = np.floor((middle - FIRST_M) / VOXEL_M).astype(int)
     here = float(gap[row - 1 : row + 2, column - 1 : column + 2].min()) - 1e-6
     least = min(safe, here)
@@ -166,26 +169,13 @@ def _lowest(ground: Float[np.ndarray, "n n"], within_m: float) -> Float[np.ndarr
 
 
 def _distance(
-    at: Bool[np.ndarray, "n n"],
-    row: Int[np.ndarray, "k"],
-    column: Int[np.ndarray, "k"],
-    sigma: Float[np.ndarray, "k"],
-) -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "m"]]:
-    """Distance of some cells to the nearest of others, in cells, and the standard deviation of that one.
-
-    Args:
-        at: Cells from which it is measured.
-        row, column: Those to which it is, once or more.
-        sigma: Of each, ascending: of several in one cell the largest counts.
-    """
+    at: Bool[np.ndarray, "n n"], row: Int[np.ndarray, "k"], column: Int[np.ndarray, "k"]
+) -> Float[np.ndarray, "m"]:
+    """Distance of some cells to the nearest of others, in cells."""
     free = np.ones((COUNT, COUNT), np.uint8)
     free[row, column] = 0
-    away, label = cv2.distanceTransformWithLabels(
-        free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    of_label = np.zeros(len(row) + 1)
-    of_label[label[row, column]] = sigma
-    return away[at].astype(np.float64), of_label[label[at]]
+    away = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(away[at], np.float64)
 
 
 def _nearest(

@@ -85,6 +85,26 @@ def test_a_wall_on_the_flight_bars_within_the_radius_and_what_its_error_asks():
         assert not blocked(found, x, edge - 0.06)
 
 
+def test_where_the_body_may_be_no_obstacle_is_touched_with_more_than_the_chance():
+    rng = np.random.default_rng(0)
+    chances = []
+    for _ in range(20):
+        places = np.column_stack([rng.uniform(-1.5, 1.5, (40, 2)), np.full(40, 0.5)])
+        places = (np.floor(places / VOXEL_M) + 0.5) * VOXEL_M
+        places = places[np.linalg.norm(places[:, :2], axis=1) > 0.8]
+        sigma = np.where(rng.random(len(places)) < 0.5, 0.015, rng.uniform(0.03, 0.12, len(places)))
+        voxels = Voxels(places, np.full(len(places), 0.9), sigma**2)
+        found = room.terrain([level(-2.0, 2.0, 0.0, 2.0)], voxels, ROBOT, MIDDLE)
+        middles = found.origin + (np.argwhere(~found.blocked)[:, ::-1] + 0.5) * found.cell_m
+        middles = middles[np.abs(middles).max(axis=1) < 1.5]
+        apart = np.linalg.norm(middles[:, None] - places[:, :2], axis=2) - VOXEL_M / 2
+        # the chance of the likeliest one, the place of either known
+        errors = np.hypot(sigma, room.BODY_SIGMA_M) * rng.standard_normal((2000, len(places)))
+        for gap in rng.permutation(apart)[:10] - ROBOT.radius_m:
+            chances.append(np.max(np.mean(errors > gap, axis=0)))
+    assert max(chances) < room.RISK + 0.02  # 2000 draws tell it to .005
+
+
 @pytest.mark.parametrize(("low", "high", "bars"), [(1.2, 1.25, True), (1.4, 1.45, False), (0.0, 0.05, False)])  # fmt: skip
 def test_only_what_is_as_high_as_the_body_bars(low, high, bars):
     found = terrain([level(-1.0, 3.0, 0.0)], block((1.0, 1.1), (-1.0, 1.0), (low, high)))
