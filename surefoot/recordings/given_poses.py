@@ -4,7 +4,9 @@ Poses far from the origin of their world are refused: maps hold single precision
 coordinates of a country, such as UTM, cloud and mesh would be empty or torn.
 
 Two depth images are compared as soon as the view has changed: once moved by the given poses, once not moved at all.
-Poses of another order, unit or direction fit worse than none. A wrong world frame is not noticed, nor is a small error.
+Poses of another order, unit or direction fit worse than none. In the same images a floor is sought twice: level by the
+stated vertical of the poses' world, and, if there is none or the camera would look down on it, as of a camera held
+upright. A small error is not noticed.
 """
 
 from __future__ import annotations
@@ -13,12 +15,18 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from jaxtyping import Float
 
+from perception.depth import structured_light
+from perception.depth.points import from_depth
+from perception.depth.reach import ReachesConfig
+from perception.floor.choose import find
+from perception.floor.prior import handheld_prior
 from perception.primitives.errors import RecordingError
 from perception.primitives.frame import DepthView, Frame
 from perception.primitives.pose import Pose3
 
-from .recording import Recording, RecordingInfo, SkippedFrame
+from .recording import DESCRIPTION_FILE, Recording, RecordingInfo, SkippedFrame
 
 FARTHEST_M = 1e4  # ours: of a given pose along an axis; single precision is then 1 mm
 _FAST_M_S, _FAR_M = 5.0, 0.5  # ours: faster and farther from frame to frame no camera is carried
@@ -29,6 +37,10 @@ _CLEAR = 0.1  # ours: one of two explanations fits that much more of the pixels
 _LEAST_SEEN = 0.2  # ours: share of the pixels that both frames see
 _LEAST_PAIRS = 5  # ours: pairs of frames that contradict the poses
 _PRONE = 3  # ours: times as many pairs as those that confirm them
+_MOST_FLOORS = 30  # ours: images in which a floor is sought; ms each
+_TILTED = math.radians(45.0)  # ours: steeper than any ramp
+_STEEP = math.cos(_TILTED)  # ours: looking down so steeply, the camera may look at a wall
+_ALIKE = math.cos(math.radians(5.0))  # ours: length of the mean normal of one floor
 IGNORE = "check their order, unit and direction, or leave them away: --ignore-poses"
 
 
@@ -54,7 +66,8 @@ class GivenPoses:
     def _start(self) -> None:
         self._fastest = (0.0, 0.0)
         self._moving = False
-        self._views = self._for = self._against = 0
+        self._views = self._for = self._against = self._sought = self._level = 0
+        self._tilted: list[Float[np.ndarray, "3"]] = []  # normals of floors, world
 
     @property
     def info(self) -> RecordingInfo:
@@ -82,7 +95,25 @@ class GivenPoses:
                 f"in {self._against} frames the depth contradicts the given poses: it fits a camera at rest better; "
                 f"{IGNORE}"
             )
+        elif len(self._tilted) >= max(_LEAST_PAIRS, _PRONE * self._level):
+            found.append(self._other_vertical())
         return [*self._recording.remarks, *found]
+
+    def _other_vertical(self) -> str:
+        """The remark on floors that are tilted by the stated vertical."""
+        mean = np.mean(self._tilted, axis=0)
+        length = float(np.linalg.norm(mean))
+        if length < _ALIKE:
+            return (
+                f"the floor in {len(self._tilted)} images is tilted by the given poses, each time to another side; are "
+                f"their axes those of the camera, right-handed? {IGNORE[:1].upper()}{IGNORE[1:]}"
+            )
+        stated = ", ".join(f"{axis:.2f}" for axis in self.info.gravity_up_world or ())
+        shown = ", ".join(f"{axis:.2f}" for axis in mean / length)
+        return (
+            f"{len(self._tilted)} images show a floor if ({shown}) is up in the world of the poses, not if ({stated}) "
+            f"is. If the camera was held upright, write up = [{shown}] under [world] of a {DESCRIPTION_FILE}"
+        )
 
     def frames(self) -> Iterator[Frame]:
         """The readable frames.
@@ -107,6 +138,7 @@ class GivenPoses:
                 and (view is None or self._check_view(*view, pose, frame.depth))
             ):
                 view = pose, frame.depth
+                self._check_floor(*view)
             yield frame
 
     def _check_step(self, last: Pose3, last_s: float, pose: Pose3, stamp_s: float) -> None:
@@ -126,6 +158,26 @@ class GivenPoses:
             self._for += given > rest + _CLEAR
             self._against += rest > given + _CLEAR
         return True
+
+    def _check_floor(self, pose: Pose3, depth: DepthView) -> None:
+        """Look for a floor by the stated vertical, or else for one against it."""
+        if self.info.gravity_up_world is None or self._sought >= _MOST_FLOORS:
+            return
+        self._sought += 1
+        reach = ReachesConfig().of("depth", depth.camera.width)
+        points = from_depth(
+            structured_light.depth(depth), reach.nearest_m, reach.farthest_m, reach.stride
+        )
+        up, rng = np.array(self.info.gravity_up_world), np.random.default_rng(0)
+        up_camera = pose.rotation.T @ up
+        level = find(points, handheld_prior(up_camera), rng)
+        if level is None or abs(up_camera[2]) > _STEEP:
+            upright = find(points, handheld_prior(None), rng)
+            normal = up if upright is None else pose.rotation @ upright.plane.normal
+            if normal @ up < math.cos(_TILTED):
+                self._tilted.append(normal)
+                return
+        self._level += level is not None
 
 
 def _agreement(other: DepthView, one: DepthView, T_other_one: Pose3) -> float | None:

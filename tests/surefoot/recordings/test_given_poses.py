@@ -23,8 +23,8 @@ TURNED = Pose3(quat_xyzw=(-0.6, 0.3, -0.2, 0.71))
 class Walk:
     """A camera in an empty room, and what is said about its poses."""
 
-    def __init__(self, poses, given):
-        self.info = RecordingInfo("walk", "plain", poses_given=True)
+    def __init__(self, poses, given, up=None):
+        self.info = RecordingInfo("walk", "plain", poses_given=True, gravity_up_world=up)
         self.skipped, self.remarks = [], ["its own"]
         self._all = list(zip(poses, given, strict=True))
 
@@ -52,8 +52,8 @@ def pose(yaw, position):
     )
 
 
-def remarks(poses, given):
-    recording = GivenPoses(Walk(poses, given))
+def remarks(poses, given, up=None):
+    recording = GivenPoses(Walk(poses, given, up))
     assert len(list(recording.frames())) == len(poses)
     assert recording.remarks[0] == "its own"
     return recording.remarks[1:]
@@ -87,6 +87,39 @@ def test_right_poses_pass_in_any_world(world):
 def test_wrong_poses_are_remarked_on(wrong, words):
     (remark,) = remarks(walk(), [wrong(one) for one in walk()])
     assert re.search(words, remark)
+
+
+@pytest.mark.parametrize(
+    "world",
+    [
+        Pose3(),  # y down, as of a first camera
+        Pose3(quat_xyzw=(1.0, 0.0, 0.0, 0.0)),  # y up, z back, as of OpenGL
+        Pose3(quat_xyzw=(0.5**0.5, 0.0, 0.0, 0.5**0.5)),  # z down
+    ],
+)
+def test_a_world_whose_stated_vertical_is_not_that_of_the_floor_is_remarked_on(world):
+    given = [world @ one for one in walk()]
+    (remark,) = remarks(walk(), given, (0.0, 0.0, 1.0))
+    up = [float(x) for x in re.search(r"write up = \[(.*?)\]", remark)[1].split(",")]
+    assert world.rotation.T @ up == pytest.approx([0.0, -1.0, 0.0], abs=0.05)
+    x, y, z = up
+    assert remarks(walk(), given, (x, y, z)) == []
+
+
+def test_left_handed_poses_are_not_taken_for_another_vertical():
+    flip = np.diag([1.0, 1.0, -1.0])
+    given = [Pose3.from_rotation(flip @ p.rotation @ flip, flip @ p.position) for p in walk()]
+    (remark,) = remarks(walk(), given, (0.0, -1.0, 0.0))
+    assert "world" not in remark
+
+
+@pytest.mark.parametrize("roll", [0.0, 90.0, 180.0])
+def test_a_camera_may_be_mounted_with_any_roll_if_its_vertical_is_right(roll):
+    mount = Pose3.from_rotation(
+        Rotation.from_euler("z", roll, degrees=True).as_matrix(), np.zeros(3)
+    )
+    poses = [one @ mount for one in walk()]
+    assert remarks(poses, poses, (0.0, -1.0, 0.0)) == []
 
 
 def test_a_camera_at_rest_may_have_one_pose():
