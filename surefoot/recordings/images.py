@@ -29,6 +29,7 @@ UNSTATED = ""
 PLAUSIBLE_WIDTHS = (0.08, 50.0)  # ours: focal length of a view of 161 deg and of 1.1 deg
 _ROTATED_BITS = 3
 _DISPARITY_NONE = 2047
+_FULL = 65535  # no depth, stated or not: of cameras that mark pixels so, or beyond the last value
 _MOST_DISPARITY = 1092  # the formula's depth is infinite at 1084.6
 _OTHERS = 0.05  # ours: share of rotated values that are no multiples of 8, those beyond 8.2 m
 _LEAST_VALUES = 50  # ours: fewer different values tell nothing
@@ -99,6 +100,7 @@ def read_depth(path: Path, camera: Camera, unit: DepthUnit) -> Float32[np.ndarra
             f"of uint16 was expected ({_advice(image)})"
         )
     _check_size("depth", image, camera)
+    none = tuple(dict.fromkeys((*unit.none, _FULL)))
     if unit.encoding == "kinect-disparity":
         depth = _of_disparity(image)
     elif unit.encoding == "rotated":
@@ -106,9 +108,9 @@ def read_depth(path: Path, camera: Camera, unit: DepthUnit) -> Float32[np.ndarra
     else:
         if unit.encoding == UNSTATED:
             _refuse_encoded(image)
-        depth = metres(image, unit.per_metre, unit.none)
+        depth = metres(image, unit.per_metre, none)
     if not np.isfinite(depth).any():
-        marks = " or ".join(str(mark) for mark in unit.none)
+        marks = " or ".join(str(mark) for mark in none)
         raise FrameError(f"depth image has no valid pixel: every value is {marks}")
     return depth
 

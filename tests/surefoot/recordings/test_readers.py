@@ -114,6 +114,15 @@ def test_seven_scenes(seven_scenes):
     assert recording.remarks == []
 
 
+def test_the_last_value_of_16_bits_is_no_depth_though_only_0_is_said_to_be_none(redwood):
+    image = np.full((12, 16), 65535, np.uint16)
+    image[:3] = 1000
+    cv2.imwrite(str(redwood / "depth/00000.png"), image)
+    depth = next(open_recording(redwood).frames()).depth.depth
+    assert np.isnan(depth[3:]).all()
+    assert np.nanmax(depth) < 2.0
+
+
 def test_seven_scenes_treats_65535_as_no_depth(seven_scenes):
     image = np.full((12, 16), 65535, np.uint16)
     image[5, 5] = 2000
