@@ -26,7 +26,14 @@ from perception.primitives.errors import RecordingError
 from perception.primitives.frame import DepthView, Frame
 from perception.primitives.pose import Pose3
 
-from .recording import DESCRIPTION_FILE, Recording, RecordingInfo, SkippedFrame
+from .recording import (
+    DESCRIPTION_FILE,
+    FOLLOWING,
+    Recording,
+    RecordingInfo,
+    SkippedFrame,
+    slow_stamps,
+)
 
 FARTHEST_M = 1e4  # ours: of a given pose along an axis; single precision is then 1 mm
 _FAST_M_S, _FAR_M = 5.0, 0.5  # ours: faster and farther from frame to frame no camera is carried
@@ -65,6 +72,7 @@ class GivenPoses:
 
     def _start(self) -> None:
         self._fastest = (0.0, 0.0)
+        self._stamps: list[float] = []  # the first ones
         self._moving = False
         self._views = self._for = self._against = self._sought = self._level = 0
         self._tilted: list[Float[np.ndarray, "3"]] = []  # normals of floors, world
@@ -82,7 +90,7 @@ class GivenPoses:
     @property
     def remarks(self) -> list[str]:
         """The recording's own, and what speaks against its poses."""
-        found = []
+        found = [remark] if (remark := slow_stamps(self._stamps)) else []
         speed, stamp_s = self._fastest
         if speed:
             found.append(
@@ -127,6 +135,7 @@ class GivenPoses:
         for frame in self._recording.frames():
             if fault := far_pose(frame):
                 raise RecordingError(f"{self.info.name}: frame at {frame.stamp_s} s: {fault}")
+            self._stamps += [frame.stamp_s] * (len(self._stamps) <= FOLLOWING)
             pose = frame.T_world_camera
             if pose is not None:
                 if last is not None:

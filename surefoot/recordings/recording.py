@@ -21,6 +21,7 @@ DESCRIPTION_FILE = "recording.toml"
 """What a user tells about a folder, see `description`."""
 LAST_STAMP_S = 1.67e10  # ours: in 2499; stamps in ms or ns are later, and MCAP ends in 2554
 INTERVALS_S = (2e-4, 3600.0)  # ours: between two frames of one recording
+SLOW_S = 5.0  # ours: as ms 200 Hz; slower recordings are unlikely
 FOLLOWING = 8  # ours: stamps that show whether the one before is too late; four in a row may be
 T = TypeVar("T")
 
@@ -202,6 +203,17 @@ def _likely(step_s: float) -> str:
         if step_s < 1.0 and 1e-3 <= step_s / scale < 1.0:
             return f", and may be in a unit {1 / scale:g} times as long"
     return ""
+
+
+def slow_stamps(stamps_s: Sequence[float]) -> str:
+    """A remark on the first stamps of a recording if they are likely to be in ms; empty if not."""
+    steps = np.diff(stamps_s)
+    if len(steps) < 2 or any(stamp % 1.0 for stamp in stamps_s) or np.median(steps) < SLOW_S:
+        return ""
+    return (
+        f"frames are {np.median(steps):g} s apart, and their stamps are whole numbers{_likely(float(np.median(steps)))}; "
+        "divide them by 1000 if so, since speeds of obstacles depend on them"
+    )
 
 
 def with_following(

@@ -12,7 +12,7 @@ from perception.primitives.pose import Pose3
 
 from .given_poses import GivenPoses
 from .open import open_recording
-from .recording import Recording, RecordingInfo, SkippedFrame
+from .recording import Recording, RecordingInfo, SkippedFrame, slow_stamps
 
 
 class WithoutPoses:
@@ -47,7 +47,9 @@ class WithoutPoses:
     @property
     def remarks(self) -> list[str]:
         """The recording's own, and that its poses were ignored."""
-        return [*self._recording.remarks, "poses of the recording ignored; kept as truth/"]
+        slow = slow_stamps(list(self.poses))
+        ignored = "poses of the recording ignored; kept as truth/"
+        return [*self._recording.remarks, *([slow] if slow else []), ignored]
 
     def frames(self) -> Iterator[Frame]:
         """The readable frames, without their poses."""

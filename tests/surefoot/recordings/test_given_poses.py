@@ -146,3 +146,16 @@ def test_a_recording_opened_for_a_run_is_watched(tum):
     recording = open_input(tum)
     list(recording.frames())
     assert "the given poses move the camera at 1800 m/s" in recording.remarks[-1]
+
+
+@pytest.mark.parametrize("ignore", [False, True])
+@pytest.mark.parametrize(
+    ("step", "digits", "slow"), [(33.333, 0, True), (33.333, 3, False), (1, 0, False)]
+)
+def test_whole_stamps_far_apart_are_remarked_on_as_ms(tum, ignore, step, digits, slow):
+    lines = [f"{round(step * i, digits)} {0.01 * i} 0 0 0 0 0 1\n" for i in range(4)]
+    (tum / "groundtruth.txt").write_text("".join(lines))
+    recording = open_input(tum, ignore_poses=ignore)
+    list(recording.frames())
+    found = [one for one in recording.remarks if "frames are 33 s apart" in one]
+    assert ["may be in ms" in one for one in found] == [True] * slow
