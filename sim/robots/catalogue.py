@@ -114,7 +114,14 @@ def _description(
     posture = content.get("posture", {})
     if not isinstance(posture, dict):
         raise file.refusal("posture", posture, "a table of angles by joint, deg")
-    gaze = _gaze(file, tables)
+    gaze, model, legs = _gaze(file, tables), _model(file, tables), _legs(file, tables["legs"])
+    walk = Walk(
+        *(
+            file.number(tables["gait"], key, None, 0.001, 3.0)
+            for key in ("com_m", "stance_m", "narrowest_m", "lift_m")
+        )
+    )
+    _refuse_contradictions(file, model, walk)
     return Description(
         path,
         file.word(content, "title"),
@@ -127,15 +134,10 @@ def _description(
             (joint, math.radians(file.number(posture, joint, None, -360.0, 360.0)))
             for joint in posture
         ),
-        _legs(file, tables["legs"]),
-        Walk(
-            *(
-                file.number(tables["gait"], key, None, 0.001, 3.0)
-                for key in ("com_m", "stance_m", "narrowest_m", "lift_m")
-            )
-        ),
+        legs,
+        walk,
         gaze,
-        _model(file, tables),
+        model,
         tuple((name, _sensor(file, name, tables[name])) for name in SENSORS if tables[name]),
         _dynamic(file, tables["dynamic"], tables["odometry"]) if tables["dynamic"] else None,
     )
@@ -177,6 +179,8 @@ def _dynamic(file: TableReader, table: dict[str, Any], odometry: dict[str, Any])
 
 def _legs(file: TableReader, table: dict[str, Any]) -> Legs:
     left, right = (_words(file, table, key, 6) for key in ("left", "right"))
+    if both := set(left) & set(right):
+        raise file.refusal("right", min(both), "joints that are not those of the left leg")
     feet = _words(file, table, "feet", 2)
     length, width = (float(v) for v in file.numbers(table, "sole_size_m", 2, 0.01, 1.0))
     x, y, z = (float(v) for v in file.numbers(table, "sole_m", 3, -1.0, 1.0))
@@ -236,6 +240,26 @@ def _model(file: TableReader, tables: dict[str, dict[str, Any]]) -> RobotModel:
             file.number(gaze, "speed_radps", None, 0.01, 100.0),
         ),
     )
+
+
+def _refuse_contradictions(file: TableReader, model: RobotModel, walk: Walk) -> None:
+    """Refuse lengths that are right one by one, and cannot be those of one robot."""
+    half = max(model.width_m, model.depth_m) / 2.0
+    for key, value, least, other, most in (
+        ("radius_m", model.radius_m, half, "half of width_m and depth_m", math.inf),
+        ("passage_m", model.passage_width_m, model.width_m, "width_m", math.inf),
+        ("narrowest_m", walk.narrowest_m, model.foot_m[1], "the width of a sole", math.inf),
+        ("stance_m", model.stance_m, walk.narrowest_m, "narrowest_m", math.inf),
+        ("sole_size_m", model.foot_m[0], 0.0, "hip_m", model.hip_m),
+        ("lift_m", walk.lift_m, 0.0, "hip_m", model.hip_m),
+        ("hip_m", model.hip_m, 0.0, "height_m", model.height_m),
+        ("com_m", walk.com_m, 0.0, "height_m", model.height_m),
+        ("eye_m", model.eye_m, 0.0, "height_m", model.height_m),
+    ):
+        if value < least:
+            raise file.refusal(key, value, f"at least {least:g}, {other}")
+        if value > most:
+            raise file.refusal(key, value, f"at most {most:g}, {other}")
 
 
 def _sensor(file: TableReader, name: str, table: dict[str, Any]) -> Sensor:
