@@ -32,13 +32,18 @@ def read_lines(path: Path) -> list[tuple[int, list[str]]]:
     except UnreadableError as error:
         raise RecordingError(f"{path}: {error}; lines of numbers were expected") from error
     lines = [
-        (number, line.replace(",", " ").split())
+        (number, _plain(line).split())
         for number, line in enumerate(text.splitlines(), start=1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not lines:
         raise RecordingError(f"{path}: has no lines of data; remove or complete it")
     return lines
+
+
+def _plain(line: str) -> str:
+    """A line without separators; beside semicolons a comma is that of a decimal."""
+    return line.replace(",", ".").replace(";", " ") if ";" in line else line.replace(",", " ")
 
 
 def numbers(path: Path, line: int, words: list[str], expected: int, meaning: str) -> list[float]:

@@ -159,3 +159,16 @@ def test_whole_stamps_far_apart_are_remarked_on_as_ms(tum, ignore, step, digits,
     list(recording.frames())
     found = [one for one in recording.remarks if "frames are 33 s apart" in one]
     assert ["may be in ms" in one for one in found] == [True] * slow
+
+
+@pytest.mark.parametrize("separator", [";", "; "])
+def test_poses_of_a_table_with_semicolons_may_have_decimal_commas(tum, separator):
+    def moved():
+        return [one.T_world_camera.translation for one in open_input(tum).frames()]
+
+    rows = [f"{10 + i / 2} {0.25 * i} 0.5 0.0 0.0 0.0 0.6 0.8" for i in range(4)]
+    (tum / "groundtruth.txt").write_text("\n".join(rows))
+    expected = moved()
+    table = [row.replace(".", ",").replace(" ", separator) for row in rows]
+    (tum / "groundtruth.txt").write_text("\n".join(table))
+    assert moved() == expected
