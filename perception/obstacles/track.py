@@ -78,7 +78,7 @@ class TrackConfig:
         0.25, "", "prior probability that an obstacle moves", "seed 001: 4 of 16 obstacles"
     )
     shape_per_m: float = (
-        0.3  # ours: error of a partly visible centre is this times radius squared, m
+        0.4  # ours: error of a partly visible centre is this times radius squared, m
     )
 
     def __post_init__(self) -> None:
