@@ -104,24 +104,21 @@ class GivenPoses:
                 f"{IGNORE}"
             )
         elif len(self._tilted) >= max(_LEAST_PAIRS, _PRONE * self._level):
-            found.append(self._other_vertical())
+            found += self._other_vertical()
         return [*self._recording.remarks, *found]
 
-    def _other_vertical(self) -> str:
-        """The remark on floors that are tilted by the stated vertical."""
+    def _other_vertical(self) -> list[str]:
+        """The remark on a floor that is tilted by the stated vertical; none if the images do not agree on it."""
         mean = np.mean(self._tilted, axis=0)
         length = float(np.linalg.norm(mean))
         if length < _ALIKE:
-            return (
-                f"the floor in {len(self._tilted)} images is tilted by the given poses, each time to another side; are "
-                f"their axes those of the camera, right-handed? {IGNORE[:1].upper()}{IGNORE[1:]}"
-            )
+            return []
         stated = ", ".join(f"{axis:.2f}" for axis in self.info.gravity_up_world or ())
         shown = ", ".join(f"{axis:.2f}" for axis in mean / length)
-        return (
+        return [
             f"{len(self._tilted)} images show a floor if ({shown}) is up in the world of the poses, not if ({stated}) "
             f"is. If the camera was held upright, write up = [{shown}] under [world] of a {DESCRIPTION_FILE}"
-        )
+        ]
 
     def frames(self) -> Iterator[Frame]:
         """The readable frames.
