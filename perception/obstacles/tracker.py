@@ -35,8 +35,6 @@ Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
 MISSES_OF_NEW = (
     2  # ours: frames without detection, though visible, that end a track not yet reported
 )
-UNSEEN_S = 1.0  # ours: where a track was not seen for so long, other things may come into view
-COMES_PER_M2 = 0.3  # ours: density of obstacles there that have no track yet
 SAME_SHARE = (
     0.5  # ours: tracks closer, and known better, than this share of their radii are one obstacle
 )
@@ -151,7 +149,7 @@ class ObstacleTracker:
         for record in self._records:
             record.track.predict(dt, robot)
         usable = [seen for seen in detections if self._usable(seen)]
-        given = self._associate(usable, stamp_s)
+        given = self._associate(usable)
         if stamp_s != before_s:  # else a second camera of the same instant
             self.innovations = []
         for index, choice in given.items():
@@ -187,12 +185,8 @@ class ObstacleTracker:
         numbers = [*seen.position.tolist(), *seen.covariance.ravel().tolist()]
         return all(map(math.isfinite, numbers)) and 0.0 <= seen.radius_m <= self.config.max_radius_m
 
-    def _associate(self, detections: Sequence[Detection], stamp_s: float) -> dict[int, int]:
-        """Track index to detection index, one to one.
-
-        What is detected beside the place of a track that is not known to move, after a look elsewhere, is more likely
-        another thing.
-        """
+    def _associate(self, detections: Sequence[Detection]) -> dict[int, int]:
+        """Track index to detection index, one to one."""
         if not self._records or not detections:
             return {}
         positions = np.array([seen.position for seen in detections])
@@ -203,9 +197,6 @@ class ObstacleTracker:
         radii = np.array([seen.radius_m for seen in detections])
         known = np.array([record.track.radius_m for record in self._records])
         density = density * alike(radii - known[:, None])
-        for row, record in zip(density, self._records, strict=True):
-            if record.moving < MOVING and stamp_s - record.seen_s > UNSEEN_S:
-                row *= NEW_PER_M2 / COMES_PER_M2
         cost = -2.0 * np.log(np.maximum(density, 1e-300))
         gate = -2.0 * math.log(NEW_PER_M2)
         least = min(float(cost.min()), gate)

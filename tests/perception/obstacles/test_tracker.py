@@ -775,19 +775,6 @@ def test_a_thing_of_another_size_where_a_mover_was_lost_is_furniture():
     assert still[1] > 0.5
 
 
-def test_what_comes_into_view_beside_furniture_not_seen_for_a_while_is_another_thing():
-    tracker = ObstacleTracker()
-    for k in range(40):
-        tracker.update(0.3 * k, [seen_at(1.0, 0.2, radius_m=0.3)], SURE)
-    for k in range(40, 80):
-        tracker.update(0.3 * k, [], SURE)
-    for k in range(80, 85):
-        tracker.update(0.3 * k, [seen_at(1.5, 0.5, radius_m=0.3)], SURE)
-    first, second = tracker.obstacles
-    np.testing.assert_allclose(first.position, (1.0, 0.2), atol=0.02)
-    np.testing.assert_allclose(second.position, (1.5, 0.5), atol=0.02)
-
-
 def test_furniture_that_took_the_place_of_a_mover_is_furniture_after_a_while():
     """It is seen in part, with an error of a decimetre; a velocity of almost nothing explains it as well as rest."""
     rng, tracker = np.random.default_rng(9), ObstacleTracker()
