@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32
@@ -96,6 +96,20 @@ def low_obstacle(
     obstacle = ndtr(off - LOWEST_OBSTACLE_M / sigma) / (HIGHEST_M - LOWEST_OBSTACLE_M)
     floor = np.exp(-0.5 * off**2) * math.sqrt(2.0 / math.pi) / sigma
     return np.asarray(obstacle / (obstacle + floor))
+
+
+class Standing(NamedTuple):
+    """What stands in some cells, by the looks alone.
+
+    Args:
+        probability: That an obstacle stands there.
+        known: Whether the cell was seen and does not move.
+        unseen_s: Time since its last update, s; of no meaning where not known.
+    """
+
+    probability: Float32[np.ndarray, "rows columns"]
+    known: Bool[np.ndarray, "rows columns"]
+    unseen_s: Float[np.ndarray, "rows columns"]
 
 
 class WorldMap:
@@ -177,15 +191,17 @@ class WorldMap:
 
     def standing(
         self, x: Float[np.ndarray, "columns"], y: Float[np.ndarray, "rows"]
-    ) -> tuple[Float32[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]]:
-        """Probability by the looks alone, and whether a cell was seen and does not move, at ascending x and y, m."""
+    ) -> Standing:
+        """What the looks alone tell of cells at ascending x and y, m."""
         columns, rows = (np.floor(v * (1.0 / self.cell_m)).astype(np.int64) for v in (x, y))
         shape = int(rows[-1] - rows[0]) + 1, int(columns[-1] - columns[0]) + 1
         low = np.array([columns[0], rows[0]])
-        layers = self._tiles.read(low, shape, ("log_odds", "moving"))
+        layers = self._tiles.read(low, shape, ("log_odds", "moving", "updated_s"))
         places = np.ix_(rows - rows[0], columns - columns[0])
-        odds, moving = (layer[places] for layer in layers.values())
-        return probability_of(odds), np.isfinite(odds) & ~moving
+        odds, moving, seen_s = (layer[places] for layer in layers.values())
+        return Standing(
+            probability_of(odds), np.isfinite(odds) & ~moving, self._latest_s - seen_s
+        )
 
     def update(
         self,

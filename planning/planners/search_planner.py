@@ -212,7 +212,7 @@ def _as_ground(
     probability, known, moving = grid.probability, grid.known, grid.moving
     if world_map is not None:
         y, x = (low + grid.cell_m * (np.arange(len(known)) + 0.5) for low in grid.origin[::-1])
-        remembered, stands = world_map.standing(x, y)
+        remembered, stands, _ = world_map.standing(x, y)
         stood = ~known & stands & (remembered >= OCCUPIED)
         probability, known = np.where(stood, remembered, probability), known | stood
     occupied = known & (probability >= OCCUPIED)

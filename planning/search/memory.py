@@ -1,8 +1,8 @@
 """Ground beyond the local map: what the world map remembers.
 
 The local map walks with the robot and forgets what leaves it. A wall longer than the local map would look open at each
-end from the other one, and the robot would turn between them for ever. What is small enough to go away, a person or a
-chair, is not remembered: the robot has to look again.
+end from the other one, and the robot would turn between them for ever. So would chairs and desks. What is small enough
+to go away, a person or a chair, is remembered for a minute: then the robot has to look again.
 
 Source: ours.
 """
@@ -17,7 +17,8 @@ from mapping.grid.evidence import OCCUPIED
 from mapping.grid.world_map import WorldMap
 
 REACH_M = 5.0  # ours: of memory beyond the local map; walls up to 13 m, a search within 10 ms
-LASTING_M = 1.0  # ours: what is shorter, a person or a chair, may be gone
+LASTING_M = 1.0  # ours: what is shorter, a person or a chair, may be gone ...
+SHORT_S = 60.0  # ours: ... when it was not seen for so long; time to walk past the local map
 
 Ground = tuple[
     Float[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"], Float[np.ndarray, "2"]
@@ -30,7 +31,7 @@ Grown = tuple[Float[np.ndarray, "high wide"], Bool[np.ndarray, "high wide"], Flo
 def with_memory(ground: Ground, cell_m: float, world_map: WorldMap) -> Grown:
     """The local ground, grown to what stands within reach; the world map fills cells that the local map has not seen.
 
-    Not remembered is what moved when it was seen, and what is shorter than `LASTING_M`.
+    Not remembered is what moved when it was seen, and what is shorter than `LASTING_M` and was not seen for `SHORT_S`.
 
     Args:
         ground: The local map.
@@ -44,12 +45,13 @@ def with_memory(ground: Ground, cell_m: float, world_map: WorldMap) -> Grown:
     reach = round(REACH_M / cell_m)
     corner = origin - reach * cell_m
     y, x = (cell_m * (np.arange(n + 2 * reach) + 0.5) for n in probability.shape)
-    remembered, known = world_map.standing(corner[0] + x, corner[1] + y)
+    remembered, known, unseen_s = world_map.standing(corner[0] + x, corner[1] + y)
     inside = np.s_[reach:-reach, reach:-reach]
     unseen = np.ones(known.shape, np.bool_)
     unseen[inside] = unknown
     occupied = known & (remembered >= OCCUPIED)
-    filled = known & unseen & (_lasting(occupied, cell_m) | ~occupied)
+    stays = _lasting(occupied, cell_m) | (unseen_s < SHORT_S)
+    filled = known & unseen & (stays | ~occupied)
     needed = filled & occupied
     needed[inside] = True
     part = tuple(slice(*(np.flatnonzero(needed.any(axis))[[0, -1]] + [0, 1])) for axis in (1, 0))

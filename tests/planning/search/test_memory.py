@@ -16,6 +16,7 @@ from planning.search.route import Route
 
 CELL_M = 0.05
 SIDE = 71
+STEP_S = 0.65
 HALF_M = SIDE * CELL_M / 2
 CAMERA = np.array([0.0, 0.0, 0.4])
 TRAP = ((2.0, 2.1, -2.25, 2.25), (-0.2, 2.1, 2.15, 2.25), (-0.2, 2.1, -2.25, -2.15))
@@ -29,24 +30,31 @@ def stands(xy: np.ndarray) -> np.ndarray:
     return np.any([(x >= a) & (x < b) & (y >= c) & (y < d) for a, b, c, d in TRAP], axis=0)
 
 
+def furnished(xy: np.ndarray) -> np.ndarray:
+    """The same trap of pieces of 0.7 m, as chairs and desks, too close to each other to walk between them."""
+    along = np.where(np.abs(xy[:, 1]) < 2.1, xy[:, 1] + 2.2, xy[:, 0])
+    return np.asarray(stands(xy) & (along % 0.8 < 0.7))
+
+
 def middles(origin: np.ndarray) -> np.ndarray:
     """(n, 2) middles of the cells of a local map, row by row."""
     y, x = np.indices((SIDE, SIDE)).reshape(2, -1)
     return origin + (np.column_stack([x, y]) + 0.5) * CELL_M
 
 
-def see(world: WorldMap, xy: np.ndarray, times: int = 1) -> None:
+def see(world: WorldMap, xy: np.ndarray, solid: np.ndarray, stamp_s: float = 0.0) -> None:
     """Look at these points, several rays each."""
-    points = np.repeat(np.column_stack([xy, np.where(stands(xy), 0.3, 0.0)]), 4, axis=0)
-    for k in range(times):
-        world.update(points, points[:, 2] > 0.0, float(k), CAMERA)
+    points = np.repeat(np.column_stack([xy, np.where(solid, 0.3, 0.0)]), 4, axis=0)
+    world.update(points, points[:, 2] > 0.0, stamp_s, CAMERA)
 
 
 def whole() -> WorldMap:
     """The trap and its surroundings, well known."""
     world = WorldMap()
     y, x = np.meshgrid(np.arange(-3.975, 4.0, CELL_M), np.arange(-1.975, 5.0, CELL_M))
-    see(world, np.column_stack([x.ravel(), y.ravel()]), 8)
+    xy = np.column_stack([x.ravel(), y.ravel()])
+    for k in range(8):
+        see(world, xy, stands(xy), float(k))
     return world
 
 
@@ -57,12 +65,16 @@ def local(x: float, y: float, seen: bool) -> tuple[np.ndarray, np.ndarray, np.nd
     return probability, np.full((SIDE, SIDE), not seen), origin
 
 
-def test_a_robot_leaves_a_trap_larger_than_its_local_map():
+@pytest.mark.parametrize("solid", [stands, furnished])
+def test_a_robot_leaves_a_trap_larger_than_its_local_map(solid):
     """The robot sees what is within its local map, which forgets what leaves it."""
     world, route, robot = WorldMap(), Route(SearchConfig()), Pose2(0.0, 0.0, 0.0)
-    for _ in range(200):
-        probability, unknown, origin = local(robot.x, robot.y, True)
-        see(world, middles(origin))
+    for k in range(200):
+        origin = np.round(np.array([robot.x, robot.y]) / CELL_M) * CELL_M - HALF_M
+        there = solid(middles(origin))
+        probability = np.where(there, 0.97, 0.02).reshape(SIDE, SIDE)
+        unknown = np.zeros((SIDE, SIDE), np.bool_)
+        see(world, middles(origin), there, STEP_S * k)
         via = route.update(probability, unknown, origin, CELL_M, robot, GOAL, world)
         way = via - [robot.x, robot.y]
         step = way * min(1.0, 0.1 / max(float(np.hypot(*way)), 1e-9))
@@ -114,8 +126,13 @@ def occupied(world: WorldMap) -> np.ndarray:
     return origin + (np.column_stack([columns, rows]) + 0.5) * CELL_M
 
 
-@pytest.mark.parametrize(("length_m", "remembered"), [(0.5, False), (0.8, False), (1.2, True)])
-def test_what_is_small_enough_to_go_away_is_not_remembered(length_m, remembered):
+@pytest.mark.parametrize(
+    ("length_m", "unseen_s", "remembered"),
+    [(0.5, 0.0, True), (0.8, 50.0, True), (0.5, 70.0, False), (0.8, 70.0, False), (1.2, 70.0, True)],
+)
+def test_what_is_small_enough_to_go_away_is_remembered_for_a_minute(
+    length_m, unseen_s, remembered
+):
     """A row of something 2.5 m from a wall that stays."""
     world = WorldMap()
     wall = np.column_stack([np.full(121, 3.0), np.linspace(-1.5, 1.5, 121)])
@@ -124,6 +141,8 @@ def test_what_is_small_enough_to_go_away_is_not_remembered(length_m, remembered)
     points = np.column_stack([xy, np.full(len(xy), 0.3)])
     for k in range(8):
         world.update(points, np.ones(len(points), bool), float(k), CAMERA)
+    elsewhere = np.repeat([[5.0, 0.0, 0.0]], 4, axis=0)
+    world.update(elsewhere, np.zeros(4, bool), 7.0 + unseen_s, CAMERA)
     found = occupied(world)
     assert np.any(found[:, 0] > 2.5)
     assert np.any(found[:, 0] < 1.0) == remembered
