@@ -189,9 +189,7 @@ class WorldMap:
         lattice = np.floor(xy * (1.0 / self.cell_m)).astype(np.int64)
         return (lattice - self._first)[..., ::-1]
 
-    def standing(
-        self, x: Float[np.ndarray, "columns"], y: Float[np.ndarray, "rows"]
-    ) -> Standing:
+    def standing(self, x: Float[np.ndarray, "columns"], y: Float[np.ndarray, "rows"]) -> Standing:
         """What the looks alone tell of cells at ascending x and y, m."""
         columns, rows = (np.floor(v * (1.0 / self.cell_m)).astype(np.int64) for v in (x, y))
         shape = int(rows[-1] - rows[0]) + 1, int(columns[-1] - columns[0]) + 1
@@ -199,9 +197,7 @@ class WorldMap:
         layers = self._tiles.read(low, shape, ("log_odds", "moving", "updated_s"))
         places = np.ix_(rows - rows[0], columns - columns[0])
         odds, moving, seen_s = (layer[places] for layer in layers.values())
-        return Standing(
-            probability_of(odds), np.isfinite(odds) & ~moving, self._latest_s - seen_s
-        )
+        return Standing(probability_of(odds), np.isfinite(odds) & ~moving, self._latest_s - seen_s)
 
     def update(
         self,

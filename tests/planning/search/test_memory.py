@@ -128,11 +128,15 @@ def occupied(world: WorldMap) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("length_m", "unseen_s", "remembered"),
-    [(0.5, 0.0, True), (0.8, 50.0, True), (0.5, 70.0, False), (0.8, 70.0, False), (1.2, 70.0, True)],
+    [
+        (0.5, 0.0, True),
+        (0.8, 50.0, True),
+        (0.5, 70.0, False),
+        (0.8, 70.0, False),
+        (1.2, 70.0, True),
+    ],
 )
-def test_what_is_small_enough_to_go_away_is_remembered_for_a_minute(
-    length_m, unseen_s, remembered
-):
+def test_what_is_small_enough_to_go_away_is_remembered_for_a_minute(length_m, unseen_s, remembered):
     """A row of something 2.5 m from a wall that stays."""
     world = WorldMap()
     wall = np.column_stack([np.full(121, 3.0), np.linspace(-1.5, 1.5, 121)])
