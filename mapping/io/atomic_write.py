@@ -18,12 +18,13 @@ PART = ".part-"
 
 
 @contextmanager
-def atomic_path(target: Path) -> Iterator[Path]:
+def atomic_path(target: str | Path) -> Iterator[Path]:
     """A temporary path with the target's suffix; it replaces the target if the block ends without error.
 
     Raises:
         OutputError: The folder is absent, read-only or full.
     """
+    target = Path(target)
     try:
         handle, name = tempfile.mkstemp(
             suffix=target.suffix, prefix=f"{PART}{target.stem}-", dir=target.parent

@@ -174,7 +174,7 @@ class CloudBuilder:
 
 
 def save_ply(
-    path: Path,
+    path: str | Path,
     points: Float[np.ndarray, "n 3"],
     colours: UInt8[np.ndarray, "n 3"] | None = None,
     attributes: Mapping[str, np.ndarray] | None = None,

@@ -36,7 +36,7 @@ GEO_KEYS = (  # version 1.1.0, then (key, 0, 1, value), or (key, tag, length, of
 
 
 def save(
-    path: Path,
+    path: str | Path,
     layers: Mapping[str, Float32[np.ndarray, "rows columns"]],
     origin: Float[np.ndarray, "2"],
     cell_m: float,
@@ -55,6 +55,7 @@ def save(
         InputError: The suffix is another one, or the layers differ in shape.
         OutputError: The folder cannot be written.
     """
+    path = Path(path)
     if path.suffix != ".tif":
         raise InputError(f"map layers {path}: expected a name that ends in .tif")
     shapes = {layer.shape for layer in layers.values()}

@@ -42,7 +42,7 @@ LAYERS = {
 }
 
 
-def save(path: Path, grid: EgocentricGrid, confidence: ConfidenceLayer | None = None) -> Path:
+def save(path: str | Path, grid: EgocentricGrid, confidence: ConfidenceLayer | None = None) -> Path:
     """Write the map atomically and return the path.
 
     Args:
@@ -54,6 +54,7 @@ def save(path: Path, grid: EgocentricGrid, confidence: ConfidenceLayer | None = 
         InputError: The suffix is another one.
         OutputError: The folder cannot be written.
     """
+    path = Path(path)
     if path.suffix != ".npz":
         raise InputError(f"terrain map {path}: expected a name that ends in .npz")
     settings = asdict(grid.config)

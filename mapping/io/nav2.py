@@ -45,7 +45,7 @@ class OccupancyMap(NamedTuple):
 
 
 def save(
-    folder: Path,
+    folder: str | Path,
     name: str,
     probability: Float32[np.ndarray, "rows columns"],
     known: Bool[np.ndarray, "rows columns"],
@@ -72,10 +72,10 @@ def save(
     if probability.size:
         pixels[known & (probability < FREE_BELOW)] = FREE
         pixels[known & (probability > OCCUPIED_ABOVE)] = OCCUPIED
-    with atomic_path(folder / f"{name}.pgm") as path:
+    with atomic_path(Path(folder) / f"{name}.pgm") as path:
         path.write_bytes(f"P5\n{columns} {rows}\n255\n".encode() + pixels[::-1].tobytes())
     return _save_yaml(
-        folder / f"{name}.yaml",
+        Path(folder) / f"{name}.yaml",
         f"{name}.pgm",
         "trinary",
         (FREE_BELOW, OCCUPIED_ABOVE),
@@ -85,7 +85,7 @@ def save(
 
 
 def save_scale(
-    folder: Path,
+    folder: str | Path,
     name: str,
     probability: Float32[np.ndarray, "rows columns"],
     known: Bool[np.ndarray, "rows columns"],
@@ -103,9 +103,11 @@ def save_scale(
         pixels[..., 3] = np.where(known, 255, 0)
     done, data = cv2.imencode(".png", pixels[::-1])
     assert done
-    with atomic_path(folder / f"{name}.png") as path:
+    with atomic_path(Path(folder) / f"{name}.png") as path:
         path.write_bytes(data.tobytes())
-    return _save_yaml(folder / f"{name}.yaml", f"{name}.png", "scale", (0.0, 1.0), origin, cell_m)
+    return _save_yaml(
+        Path(folder) / f"{name}.yaml", f"{name}.png", "scale", (0.0, 1.0), origin, cell_m
+    )
 
 
 def _save_yaml(

@@ -12,7 +12,7 @@ from . import geotiff, nav2
 LAYERS = "map_layers.tif"
 
 
-def save(folder: Path, world: WorldMap) -> None:
+def save(folder: str | Path, world: WorldMap) -> None:
     """Write map_probability.yaml with map_probability.png (mode "scale"), and map_layers.tif.
 
     The bands are occupancy (probability), height_m and height_variance_m2; NaN where the cell was not seen.
@@ -27,4 +27,4 @@ def save(folder: Path, world: WorldMap) -> None:
         "height_m": world.height_m,
         "height_variance_m2": world.height_variance_m2,
     }
-    geotiff.save(folder / LAYERS, layers, world.origin, world.cell_m)
+    geotiff.save(Path(folder) / LAYERS, layers, world.origin, world.cell_m)

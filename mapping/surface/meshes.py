@@ -49,7 +49,7 @@ class Mesh:
         return np.asarray(np.einsum("nk,nkd->nd", shares, self.vertices[chosen]), np.float32)
 
 
-def save_mesh(path: Path, mesh: Mesh) -> None:
+def save_mesh(path: str | Path, mesh: Mesh) -> None:
     """Write a binary PLY with normals and optional colours, atomically.
 
     Raises:

@@ -162,7 +162,7 @@ def traversability(mesh: Mesh, config: TraversabilityConfig | None = None) -> Tr
     )
 
 
-def save_nav2(folder: Path, name: str, layers: Traversability) -> Path:
+def save_nav2(folder: str | Path, name: str, layers: Traversability) -> Path:
     """Write the map for Nav2: occupied where a foot cannot stand, free where it can; returns the yaml path."""
     blocked = 1.0 - np.nan_to_num(layers.probability, nan=0.5)
     blocked[layers.occupied] = 1.0  # a table top is flat, but no floor
@@ -174,7 +174,7 @@ def save_nav2(folder: Path, name: str, layers: Traversability) -> Path:
 SHOWN = ("elevation", "slope", "traversability")  # layers of the report, names of grid_map
 
 
-def save_layers(path: Path, layers: Traversability) -> None:
+def save_layers(path: str | Path, layers: Traversability) -> None:
     """Write all layers as .npz, with the names of grid_map: elevation, slope, step, traversability.
 
     `resolution` is the side of a cell and `origin` the lower left corner of cell [0, 0], m.
