@@ -45,6 +45,8 @@ KEYS: dict[str, tuple[str, ...]] = {
 
 
 OPTIONAL = ("dynamic", "odometry", *SENSORS)
+LEAST_DEG = 4.0  # ours: of a view or of a range of joints; no angle in rad is larger than 3.15
+FASTEST_RADPS = 20.0  # ours: of a gaze; three times as fast as servos
 
 
 def names() -> tuple[str, ...]:
@@ -114,7 +116,12 @@ def _description(
     posture = content.get("posture", {})
     if not isinstance(posture, dict):
         raise file.refusal("posture", posture, "a table of angles by joint, deg")
+    angles = [file.number(posture, joint, None, -360.0, 360.0) for joint in posture]
+    turned = [angle for angle in map(abs, angles) if angle]
+    if len(turned) > 1 and max(turned) <= math.pi:
+        raise file.refusal("posture", posture, "deg; these may be rad, since none is beyond 3.15")
     gaze, model, legs = _gaze(file, tables), _model(file, tables), _legs(file, tables["legs"])
+    reach_m = model.height_m / 2.0
     walk = Walk(
         *(
             file.number(tables["gait"], key, None, 0.001, 3.0)
@@ -130,15 +137,14 @@ def _description(
         file.word(content, "package") if "package" in content else "",
         file.word(content, "urdf"),
         file.number(content, "turn_deg", 0.0, -180.0, 180.0),
-        tuple(
-            (joint, math.radians(file.number(posture, joint, None, -360.0, 360.0)))
-            for joint in posture
-        ),
+        tuple(zip(posture, map(math.radians, angles), strict=True)),
         legs,
         walk,
         gaze,
         model,
-        tuple((name, _sensor(file, name, tables[name])) for name in SENSORS if tables[name]),
+        tuple(
+            (name, _sensor(file, name, tables[name], reach_m)) for name in SENSORS if tables[name]
+        ),
         _dynamic(file, tables["dynamic"], tables["odometry"]) if tables["dynamic"] else None,
     )
 
@@ -152,18 +158,17 @@ def _dynamic(file: TableReader, table: dict[str, Any], odometry: dict[str, Any])
             raise file.refusal(key, table[key], "the smaller number first")
         return low, high
 
-    noise = []
+    noise, step_m = [], file.number(table, "step_m", None, 0.01, 1.0)
     for key in KEYS["odometry"]:
-        least = 0.0 if "sigma" in key else -90.0
-        value = file.number(odometry, key, None, least, 90.0)
         angle = key.endswith("_deg")
+        most = 90.0 if angle else step_m
+        value = file.number(odometry, key, None, 0.0 if "sigma" in key else -most, most)
         noise.append((f"{key[:-4]}_rad", math.radians(value)) if angle else (key, value))
     numbers = {
         key: file.number(table, key, None, least, most)
         for key, least, most in (
             ("inward_m", -0.1, 0.1),
             ("start_s", 0.1, 5.0),
-            ("step_m", 0.01, 1.0),
             ("slew_m", 0.001, 1.0),
             ("ankle_gain", 0.0, 2.0),
             ("ankle_rate_s", 0.0, 1.0),
@@ -174,7 +179,9 @@ def _dynamic(file: TableReader, table: dict[str, Any], odometry: dict[str, Any])
             ("wait_s", 0.0, 2.0),
         )
     }
-    return Dynamic(span("contact_x_m"), span("contact_y_m"), odometry=tuple(noise), **numbers)
+    return Dynamic(
+        span("contact_x_m"), span("contact_y_m"), step_m=step_m, odometry=tuple(noise), **numbers
+    )
 
 
 def _legs(file: TableReader, table: dict[str, Any]) -> Legs:
@@ -197,7 +204,7 @@ def _gaze(file: TableReader, tables: dict[str, dict[str, Any]]) -> Gaze:
         file.word(gaze, "tilt"),
         file.word(camera, "frame"),
         axis,
-        _place(file, camera),
+        _place(file, camera, file.number(tables["body"], "height_m", None, 0.01, 5.0) / 2.0),
     )
 
 
@@ -212,6 +219,8 @@ def _model(file: TableReader, tables: dict[str, dict[str, Any]]) -> RobotModel:
 
     sole = file.numbers(tables["legs"], "sole_size_m", 2)
     highest, lowest = file.numbers(gaze, "tilt_deg", 2)
+    if 0.0 < lowest - highest < LEAST_DEG:
+        raise file.refusal("tilt_deg", gaze["tilt_deg"], f"a range of at least {LEAST_DEG:g} deg")
     return RobotModel(
         radius_m=length(body, "radius_m"),
         width_m=length(body, "width_m"),
@@ -230,14 +239,14 @@ def _model(file: TableReader, tables: dict[str, dict[str, Any]]) -> RobotModel:
             speed("max_mps", 0.001),
             speed("back_mps", 0.0),
             speed("side_mps", 0.0),
-            file.number(steps, "turn_deg", None, 0.1, 90.0),
+            file.number(steps, "turn_deg", None, 2.0, 90.0),
             file.number(gait, "single_support_s", None, 0.25, 5.0),
             file.number(gait, "double_support_s", None, 0.02, 5.0),
         ),
         head=HeadLimits(
-            file.number(gaze, "pan_deg", None, 1.0, 180.0),
+            file.number(gaze, "pan_deg", None, LEAST_DEG, 180.0),
             (float(highest), float(lowest)),
-            file.number(gaze, "speed_radps", None, 0.01, 100.0),
+            file.number(gaze, "speed_radps", None, 0.01, FASTEST_RADPS),
         ),
     )
 
@@ -262,24 +271,24 @@ def _refuse_contradictions(file: TableReader, model: RobotModel, walk: Walk) -> 
             raise file.refusal(key, value, f"at most {most:g}, {other}")
 
 
-def _sensor(file: TableReader, name: str, table: dict[str, Any]) -> Sensor:
-    def of(key: str, wanted: bool, most: float) -> float:
-        return file.number(table, key, None, 0.001, most) if wanted else 0.0
+def _sensor(file: TableReader, name: str, table: dict[str, Any], reach_m: float) -> Sensor:
+    def of(key: str, wanted: bool, most: float, least: float = 0.001) -> float:
+        return file.number(table, key, None, least, most) if wanted else 0.0
 
     return Sensor(
         file.count(table, "width", 0, 4096),
         file.count(table, "height", 0, 4096),
-        file.number(table, "across_deg", None, 1.0, 169.0),
-        _place(file, table),
-        of("down_deg", name in ("tof", "depth"), 169.0),
+        file.number(table, "across_deg", None, LEAST_DEG, 169.0),
+        _place(file, table, reach_m),
+        of("down_deg", name in ("tof", "depth"), 169.0, LEAST_DEG),
         of("baseline_m", name in ("depth", "stereo"), 1.0),
         of("noise_px", name == "depth", 10.0),
     )
 
 
-def _place(file: TableReader, table: dict[str, Any]) -> tuple[float, float, float]:
+def _place(file: TableReader, table: dict[str, Any], most_m: float) -> tuple[float, float, float]:
     x, y, z = (
-        (float(v) for v in file.numbers(table, "at_m", 3, -5.0, 5.0))
+        (float(v) for v in file.numbers(table, "at_m", 3, -most_m, most_m))
         if "at_m" in table
         else (0.0,) * 3
     )

@@ -29,6 +29,8 @@ HOUSING_M = 0.08  # ours: parts nearer to a camera than this, on its link, are i
 AIMED_RAD = math.radians(
     3.0
 )  # ours: by which the stated range of the gaze may exceed that of the joints
+MISS_M = 0.005  # ours: of soles that the legs can place
+EYE_SHARE = 0.2  # ours: of the height, by which the stated height of the eyes may be wrong
 AIM_STEPS = 8  # ours: of Newton's method
 
 Feet = tuple[tuple[Pose2, float], tuple[Pose2, float]]
@@ -195,6 +197,7 @@ def jointed(description: Description) -> JointedRobot:
         eye.T_link_frame @ _view(description, turn @ (zero[eye.link] @ eye.T_link_frame)[:3, :3]),
     )
     _check_gaze(robot)
+    _check_stance(robot)
     return robot
 
 
@@ -235,3 +238,36 @@ def _check_gaze(robot: JointedRobot) -> None:
                 f"{robot.description.file}: [gaze] pan {pan_deg:g} deg, tilt {tilt_deg:g} deg is out of reach; the joints get to "
                 f"{math.degrees(there[0]):.0f} and {math.degrees(there[1]):.0f} deg, state a smaller range"
             )
+
+
+def _check_stance(robot: JointedRobot) -> None:
+    """Raise an InputError unless the left leg is on the left, the soles reach the floor, and the eyes are where stated."""
+    description, model = robot.description, robot.description.model
+    zero = link_poses(robot.tree, np.zeros(len(robot.tree.joints)))
+    left, right = (robot.T_trunk_base.apply(zero[leg[0] + 1][:3, 3]) for leg in robot.legs)
+    x, y, _ = left - right
+    if y < abs(x):
+        turn = math.degrees(wrap_angle(math.radians(description.turn_deg) + math.atan2(-x, y)))
+        raise InputError(
+            f"{description.file}: turn_deg = {description.turn_deg:g}; the left leg was expected on the left, as with "
+            f"{turn:.0f} deg, or [legs] name the wrong sides"
+        )
+    half = description.walk.stance_m / 2
+    angles = robot.standing(
+        robot.bent, Pose3(), ((Pose2(0.0, half), 0.0), (Pose2(0.0, -half), 0.0))
+    )
+    poses = link_poses(robot.tree, angles)
+    for leg, foot, side in zip(robot.legs, robot.feet, (1.0, -1.0), strict=True):
+        ankle = robot.T_trunk_base.apply((poses[leg[-1] + 1] @ foot)[:3, 3])
+        ahead, outward, up = description.legs.sole_m
+        miss = math.dist(ankle, (-ahead, side * (half - outward), -up))
+        if miss > MISS_M:
+            raise InputError(
+                f"{description.file}: [gait] hip_m = {model.hip_m:g}, stance_m = {2 * half:g}: the legs of the URDF miss "
+                f"the floor by {miss:.2g} m; expected lengths in m at which both soles stand, with bent knees"
+            )
+    eye_m = float(robot.eye(angles).position[2])
+    if abs(eye_m - model.eye_m) > EYE_SHARE * model.height_m:
+        raise InputError(
+            f"{description.file}: [camera] eye_m = {model.eye_m:g}; by the URDF the camera is {eye_m:.2f} m above the floor"
+        )

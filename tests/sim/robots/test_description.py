@@ -43,11 +43,11 @@ def test_what_a_description_says_reaches_the_models_of_gait_gaze_and_cameras():
     assert config.walker.breadth == pytest.approx(robot.model.radius_m / RADIUS_M)
 
 
-def changed(tmp_path, old, new):
+def changed(tmp_path, old, new, times=1):
     assert old in TEXT
     (tmp_path / "little.urdf").write_text((LITTLE / "little.urdf").read_text())
     path = tmp_path / "mine.toml"
-    path.write_text(TEXT.replace(old, new, 1))
+    path.write_text(TEXT.replace(old, new, times))
     return path
 
 
@@ -95,13 +95,52 @@ def test_a_mistake_in_a_description_is_named(tmp_path, old, new, message):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
+        ("\nturn_deg = 14", "\nturn_deg = 0.244", "turn_deg = 0.244; expected a number, from 2"),
+        ("pan_deg = 80", "pan_deg = 1.396", "pan_deg = 1.396; expected a number, from 4 to 180"),
+        ("[15, 65]", "[0.262, 1.134]", "tilt_deg = [0.262, 1.134]; expected a range of at least 4"),
+        ("across_deg = 87", "across_deg = 1.518", "across_deg = 1.518; expected a number, from 4"),
+        ("down_deg = 58", "down_deg = 1.012", "down_deg = 1.012; expected a number, from 4 to 169"),
+        ("= -10", "= -0.1745", "expected deg; these may be rad, since none is beyond 3.15"),
+        ("speed_radps = 2.0", "speed_radps = 115", "speed_radps = 115; expected a number, from"),
+        ("[0.0, 0.015, 0.0]", "[0.0, 1.5, 0.0]", "at_m = 1.5; expected a number, from -0.5 to 0.5"),
+        ("[camera]", "[camera]\nat_m = [0, 0, 0.9]", "at_m = 0.9; expected a number, from -0.5 to"),
+    ],
+)
+def test_radians_for_degrees_and_centimetres_for_metres_are_refused(tmp_path, old, new, message):
+    path = changed(tmp_path, old, new, -1)
+    with pytest.raises(InputError, match=re.escape(message)):
+        catalogue.load(str(path))
+
+
+def test_some_joints_may_be_frozen_near_zero(tmp_path):
+    robot = catalogue.load(str(changed(tmp_path, "= -10", "= -0.2")))
+    assert robot.posture[0][1] == pytest.approx(-0.0035, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
         (
             r"\[dynamic\].*(?=\[odometry\])",
             "",
             "no table [dynamic] beside [odometry]; expected contact",
         ),
         (r"\[odometry\].*", "", "no table [odometry] beside [dynamic]; expected slip_m"),
-        (r"(?<=slip_sigma_m = )", "-", "slip_sigma_m = -0.0008; expected a number, from 0 to 90"),
+        (
+            r"(?<=slip_sigma_m = )",
+            "-",
+            "slip_sigma_m = -0.0008; expected a number, from 0 to 0.165",
+        ),
+        (
+            r"(?<=step_x_sigma_m = )\S+",
+            "2.8",
+            "step_x_sigma_m = 2.8; expected a number, from 0 to 0.165",
+        ),
+        (
+            r"(?<=slip_m = )-0.0021",
+            "-2.1",
+            "slip_m = -2.1; expected a number, from -0.165 to 0.165",
+        ),
         (r"hold_m = \S+", "hold_m = 8", "hold_m = 8; expected a number, from 0 to 0.2"),
         (r"\[-0.05, 0.12\]", "[0.2, 0.12]", "expected the smaller number first"),
         (r"slew_m", "slow_m", "[dynamic] key 'slow_m' is unknown; did you mean 'slew_m'?"),
@@ -128,6 +167,18 @@ def test_a_mistake_in_how_a_robot_walks_dynamically_is_named(tmp_path, old, new,
             "tilt_deg = [0, 65]",
             "tilt 0 deg is out of reach; the joints get to",
         ),
+        (
+            "turn_deg = 90",
+            "turn_deg = 1.5708",
+            "the left leg was expected on the left, as with 90 deg",
+        ),
+        (
+            "turn_deg = 90",
+            "turn_deg = -90",
+            "the left leg was expected on the left, as with 90 deg",
+        ),
+        ("hip_m = 0.45", "hip_m = 0.8", "the legs of the URDF miss the floor by 0.3"),
+        ("eye_m = 0.95", "eye_m = 0.6", "eye_m = 0.6; by the URDF the camera is 0.95 m above the"),
     ],
 )
 def test_a_description_that_its_urdf_contradicts_is_refused(tmp_path, old, new, message):
