@@ -18,6 +18,7 @@ from perception.filtering.consistency import band, calibration
 from perception.primitives.errors import InputError
 
 from ..results.tables import Trajectory
+from .conventions import doubt
 from .foreign_covariance import PLANAR, POSITION, SPACE, WORDS, Claims, read_claims
 from .foreign_trajectory import ForeignTrajectory, pairs, read_trajectory
 from .metrics import calibration as scores
@@ -125,6 +126,8 @@ def judge(
         **({"left_out": left_out} if left_out else {}),
         **accuracy(found, true),
     }
+    if doubtful := doubt(estimate, truth, found, true):
+        metrics["doubt"] = doubtful
     shown = _in_truth(found, true, same_axes)
     if claims is None:
         metrics["note"] = "no covariances given: accuracy only"
@@ -136,7 +139,7 @@ def judge(
         )
     errors = errors_of(claims.kind, pick(found, rows), pick(true, rows), same_axes)
     if claims.kind == SPACE and not same_axes:
-        _check_body(pick(found, rows), pick(true, rows))
+        _check_body(pick(found, rows), pick(true, rows), doubtful)
     if same_axes:
         covariances = claims.covariances[chosen]
     else:
@@ -353,12 +356,13 @@ def _common(
     return rows, chosen[rows]
 
 
-def _check_body(estimate: Trajectory, truth: Trajectory) -> None:
+def _check_body(estimate: Trajectory, truth: Trajectory, doubtful: str) -> None:
     """Refuse the truth of a body that is rotated against that of the estimate."""
     rotation_deg = body_rotation_deg(estimate, truth)
     if rotation_deg is not None and rotation_deg > MAX_BODY_ROTATION_DEG:
         raise InputError(
-            f"the truth is the trajectory of a body that is rotated by {rotation_deg:.0f} deg against that of the "
+            doubtful
+            or f"the truth is the trajectory of a body that is rotated by {rotation_deg:.0f} deg against that of the "
             "estimate; give the truth of the same body, or covariances of the positions alone (3x3)"
         )
 

@@ -52,7 +52,9 @@ def write_page(folder: RunFolder, verdict: Verdict, command: Sequence[str]) -> P
     words, good = headline(metrics)
     page = Template(resources.files(__package__).joinpath("report_page.html").read_text("utf-8"))
     subtitle = [f"{metrics['format']} against {metrics['truth_format']}"]
-    subtitle += [str(metrics[key]) for key in ("left_out", "covariances", "note") if key in metrics]
+    subtitle += [
+        str(metrics[key]) for key in ("left_out", "doubt", "covariances", "note") if key in metrics
+    ]
     text = page.substitute(
         title="Trajectory against truth",
         subtitle=html.escape(" · ".join(subtitle)),
@@ -95,6 +97,7 @@ def lines(metrics: dict[str, Any]) -> list[str]:
     shown = [
         f"{metrics['matched_poses']:.0f} of {metrics['poses']:.0f} poses compared "
         f"({metrics['format']} against {metrics['truth_format']}){_left_out(metrics)}",
+        *([f"doubt: {metrics['doubt']}"] if "doubt" in metrics else []),
         f"position error (RMS): {metrics['position_rmse_3d_m']:.4f} m as it stands{_after(metrics)}",
         f"RPE (RMS): {metrics['rpe_frame_m']:.4f} m, {metrics['rpe_frame_deg']:.3f} deg from pose to pose",
     ]

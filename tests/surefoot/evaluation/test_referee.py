@@ -389,6 +389,72 @@ def test_a_truth_of_another_time_is_refused_with_both_ranges(tmp_path):
         judge_files(found, cov, truth)
 
 
+def with_scalar_first(path: Path, folder: Path) -> Path:
+    table = np.loadtxt(path)
+    changed = folder / f"wxyz-{path.name}"
+    np.savetxt(changed, table[:, [0, 1, 2, 3, 7, 4, 5, 6]], fmt="%.17g")
+    return changed
+
+
+def inverted(path: Path, folder: Path) -> Path:
+    table = np.loadtxt(path)
+    back = Rotation.from_quat(table[:, 4:]).inv()
+    changed = folder / f"inverse-{path.name}"
+    rows = np.column_stack([table[:, 0], -back.apply(table[:, 1:4]), back.as_quat()])
+    np.savetxt(changed, rows, fmt="%.17g")
+    return changed
+
+
+@pytest.mark.parametrize("change", [with_scalar_first, inverted])
+@pytest.mark.parametrize(
+    ("found", "truth"),
+    [
+        ("freiburg1_xyz-rgbdslam_drift.txt", "freiburg1_xyz-groundtruth.txt"),
+        ("fr2_desk_ORB.txt", "fr2_desk_groundtruth.txt.gz"),
+    ],
+)
+def test_another_convention_of_a_real_trajectory_is_doubted_by_the_name_of_its_file(
+    recordings, tmp_path, change, found, truth
+):
+    found, truth = (recordings / "tum_trajectories" / name for name in (found, truth))
+    assert "doubt" not in judge_files(found, None, truth).metrics
+    wrong = change(found, tmp_path)
+    assert judge_files(wrong, None, truth).metrics["doubt"].count(str(wrong)) == 1
+    wrong_truth = change(truth, tmp_path)
+    doubt = judge_files(found, None, wrong_truth).metrics["doubt"]
+    assert str(wrong_truth) in doubt
+    assert str(found) not in doubt
+
+
+@pytest.mark.parametrize("sigma", [0.01, 0.2, 1.0, 3.0])
+def test_no_convention_is_doubted_because_of_large_errors(tmp_path, sigma):
+    """A robot on the floor, its camera on a mount, with a heading and positions that drift."""
+    mount = Pose3.from_rotation(
+        Rotation.from_euler("zx", [-90, -110], degrees=True).as_matrix(), np.array([0.1, 0.0, 1.2])
+    )
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        turns, drift = rng.normal(size=(2, 200)).cumsum(axis=1) * [[0.05], [sigma / 14]]
+        bodies = []
+        for yaws in (turns, turns + drift):
+            steps = 0.1 * np.column_stack([np.cos(yaws), np.sin(yaws), 0.0 * yaws])
+            turned = Rotation.from_euler("z", yaws[:, None]).as_matrix()
+            pairs = zip(turned, steps.cumsum(axis=0), strict=True)
+            bodies.append([Pose3.from_rotation(*pair) for pair in pairs])
+        truth = tum(tmp_path / "true.txt", np.arange(200), bodies[0])
+        found = tum(tmp_path / "found.txt", np.arange(200), [one @ mount for one in bodies[1]])
+        assert "doubt" not in judge_files(found, None, truth).metrics
+
+
+def test_a_wrong_order_of_quaternions_is_not_taken_for_a_rotated_body(tmp_path):
+    found, covariances, truth = Walk(0).write(tmp_path)
+    wrong = with_scalar_first(found, tmp_path)
+    with pytest.raises(InputError, match=r"wxyz-found.txt may begin with qw: the rotation between"):
+        judge_files(wrong, covariances, truth)
+    (doubt,) = [one for one in lines(judge_files(wrong, None, truth).metrics) if "doubt" in one]
+    assert "Reorder them" in doubt
+
+
 def test_a_truth_of_a_rotated_body_is_refused(tmp_path):
     rng = np.random.default_rng(0)
     poses = [
