@@ -3,10 +3,9 @@
 Poses far from the origin of their world are refused: maps hold single precision and hash keys of voxels, so that at map
 coordinates of a country, such as UTM, cloud and mesh would be empty or torn.
 
-Two depth images are compared as soon as the view has changed: once moved by the given poses, once not moved at all.
-Poses of another order, unit or direction fit worse than none. In the same images a floor is sought twice: level by the
-stated vertical of the poses' world, and, if there is none or the camera would look down on it, as of a camera held
-upright. A small error is not noticed.
+Depth images whose view has changed are compared by the given poses and by other readings of them, see `pose_readings`.
+In the same images a floor is sought twice: level by the stated vertical of the poses' world, and, if there is none or
+the camera would look down on it, as of a camera held upright. A small error is not noticed.
 """
 
 from __future__ import annotations
@@ -26,6 +25,7 @@ from perception.primitives.errors import RecordingError
 from perception.primitives.frame import DepthView, Frame
 from perception.primitives.pose import Pose3
 
+from .pose_readings import IGNORE, LEAST_PAIRS, PRONE, PoseReadings
 from .recording import (
     DESCRIPTION_FILE,
     FOLLOWING,
@@ -37,18 +37,10 @@ from .recording import (
 
 FARTHEST_M = 1e4  # ours: of a given pose along an axis; single precision is then 1 mm
 _FAST_M_S, _FAR_M = 5.0, 0.5  # ours: faster and farther from frame to frame no camera is carried
-_STEP_PX = 8  # ours: of the grid of compared pixels
-_SAME = 0.03  # ours: share of the depth by which equal places may differ
-_CHANGED = 0.7  # ours: the view has changed if so few of the pixels have the same depth
-_CLEAR = 0.1  # ours: one of two explanations fits that much more of the pixels
-_LEAST_SEEN = 0.2  # ours: share of the pixels that both frames see
-_LEAST_PAIRS = 5  # ours: pairs of frames that contradict the poses
-_PRONE = 3  # ours: times as many pairs as those that confirm them
 _MOST_FLOORS = 30  # ours: images in which a floor is sought; ms each
 _TILTED = math.radians(45.0)  # ours: steeper than any ramp
 _STEEP = math.cos(_TILTED)  # ours: looking down so steeply, the camera may look at a wall
 _ALIKE = math.cos(math.radians(5.0))  # ours: length of the mean normal of one floor
-IGNORE = "check their order, unit and direction, or leave them away: --ignore-poses"
 
 
 def far_pose(frame: Frame) -> str:
@@ -74,7 +66,8 @@ class GivenPoses:
         self._fastest = (0.0, 0.0)
         self._stamps: list[float] = []  # the first ones
         self._moving = False
-        self._views = self._for = self._against = self._sought = self._level = 0
+        self._sought = self._level = 0
+        self._readings = PoseReadings()
         self._tilted: list[Float[np.ndarray, "3"]] = []  # normals of floors, world
 
     @property
@@ -96,14 +89,15 @@ class GivenPoses:
             found.append(
                 f"the given poses move the camera at {speed:.4g} m/s (at {stamp_s:.6f} s); are they in metres?"
             )
-        if self._views >= _LEAST_PAIRS and not self._moving:
+        if self._readings.changes >= LEAST_PAIRS and not self._moving:
             found.append(f"all given poses are the same, but the depth images change; {IGNORE}")
-        elif self._against >= max(_LEAST_PAIRS, _PRONE * self._for):
+        elif not speed and (better := self._readings.better):
+            reading, pairs = better
             found.append(
-                f"in {self._against} frames the depth contradicts the given poses: it fits a camera at rest better; "
-                f"{IGNORE}"
+                f"in {pairs} pairs of images the depth contradicts the given poses: it fits better {reading.words}; "
+                f"{reading.advice}"
             )
-        elif len(self._tilted) >= max(_LEAST_PAIRS, _PRONE * self._level):
+        elif len(self._tilted) >= max(LEAST_PAIRS, PRONE * self._level):
             found += self._other_vertical()
         return [*self._recording.remarks, *found]
 
@@ -128,23 +122,17 @@ class GivenPoses:
         """
         self._start()
         last: tuple[Pose3, float] | None = None
-        view: tuple[Pose3, DepthView] | None = None
         for frame in self._recording.frames():
             if fault := far_pose(frame):
                 raise RecordingError(f"{self.info.name}: frame at {frame.stamp_s} s: {fault}")
             self._stamps += [frame.stamp_s] * (len(self._stamps) <= FOLLOWING)
-            pose = frame.T_world_camera
+            pose, depth = frame.T_world_camera, frame.depth
             if pose is not None:
                 if last is not None:
                     self._check_step(*last, pose, frame.stamp_s)
                 last = pose, frame.stamp_s
-            if (
-                pose is not None
-                and frame.depth is not None
-                and (view is None or self._check_view(*view, pose, frame.depth))
-            ):
-                view = pose, frame.depth
-                self._check_floor(*view)
+                if self._readings.add(frame.stamp_s, pose, depth) and depth is not None:
+                    self._check_floor(pose, depth)
             yield frame
 
     def _check_step(self, last: Pose3, last_s: float, pose: Pose3, stamp_s: float) -> None:
@@ -152,18 +140,6 @@ class GivenPoses:
         if step_m > _FAR_M and step_m > _FAST_M_S * pause_s > 0.0:
             self._fastest = max(self._fastest, (step_m / pause_s, stamp_s))
         self._moving |= step_m > 0.0 or not np.array_equal(last.rotation, pose.rotation)
-
-    def _check_view(self, last: Pose3, seen: DepthView, pose: Pose3, depth: DepthView) -> bool:
-        """Whether the view has changed; then the poses are judged."""
-        rest = _agreement(seen, depth, Pose3())
-        if rest is None or rest > _CHANGED:
-            return rest is None
-        self._views += 1
-        given = _agreement(seen, depth, last.inverse() @ pose)
-        if given is not None:
-            self._for += given > rest + _CLEAR
-            self._against += rest > given + _CLEAR
-        return True
 
     def _check_floor(self, pose: Pose3, depth: DepthView) -> None:
         """Look for a floor by the stated vertical, or else for one against it."""
@@ -184,20 +160,3 @@ class GivenPoses:
                 self._tilted.append(normal)
                 return
         self._level += level is not None
-
-
-def _agreement(other: DepthView, one: DepthView, T_other_one: Pose3) -> float | None:
-    """Share of the pixels seen by two cameras whose depths agree; None if these pixels are few."""
-    z = one.depth[::_STEP_PX, ::_STEP_PX]
-    rays = one.camera.rays[::_STEP_PX, ::_STEP_PX]
-    valid = np.isfinite(z)
-    points = (rays[valid] * z[valid][:, None]) @ T_other_one.rotation.T + T_other_one.position
-    ahead = points[points[:, 2] > 0.05]
-    with np.errstate(all="ignore"):  # poses may be absurd
-        inside, u, v = other.camera.nearest_pixels(ahead)
-    seen = other.depth[v[inside], u[inside]]
-    expected = ahead[inside, 2]
-    both = np.isfinite(seen)
-    if both.sum() < max(_LEAST_SEEN * len(points), 20):
-        return None
-    return float(np.mean(np.abs(seen - expected)[both] < _SAME * expected[both]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,10 +28,11 @@ class Walk:
         self.info = RecordingInfo("walk", "plain", poses_given=True, gravity_up_world=up)
         self.skipped, self.remarks = [], ["its own"]
         self._all = list(zip(poses, given, strict=True))
+        self.camera = CAMERA
 
     def frames(self):
         for i, (pose, given) in enumerate(self._all):
-            yield Frame(0.2 * i, depth=DepthView(seen(pose), CAMERA), T_world_camera=given)
+            yield Frame(0.2 * i, depth=DepthView(seen(pose), self.camera), T_world_camera=given)
 
 
 def seen(pose):
@@ -87,6 +89,93 @@ def test_right_poses_pass_in_any_world(world):
 def test_wrong_poses_are_remarked_on(wrong, words):
     (remark,) = remarks(walk(), [wrong(one) for one in walk()])
     assert re.search(words, remark)
+
+
+def stroll(stamp_s):
+    """Handheld, with turns and steps that change."""
+    turn = 0.5 * stamp_s + 0.3 * np.sin(1.7 * stamp_s)
+    there = (np.sin(0.5 * stamp_s), 0.1 * np.sin(2.0 * stamp_s), 0.8 * np.sin(0.9 * stamp_s))
+    return pose(turn, there)
+
+
+def flipped(axis):
+    flip = np.diag([-1.0 if i == axis else 1.0 for i in range(3)])
+    return lambda one: Pose3.from_rotation(flip @ one.rotation @ flip, flip @ one.position)
+
+
+def scaled(factor):
+    return lambda one: Pose3.from_rotation(one.rotation, factor * one.position)
+
+
+def with_axes(rotation):
+    return lambda one: Pose3.from_rotation(one.rotation @ np.array(rotation), one.position)
+
+
+STROLL = 0.2 * np.arange(40)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (wxyz, "quaternions in the order w, x, y, z; write them as x, y, z, w"),
+        (lambda one: one.inverse(), 'their inverses; write convention = "world-to-camera"'),
+        (scaled(0.5), r"about 2 times the positions; give positions in m"),
+        (scaled(3.28), r"about 0\.35 times the positions"),
+        (with_axes(np.diag([1.0, -1.0, -1.0])), 'axes of the kind y-up; write axes = "y-up"'),
+        (with_axes([[0, -1, 0], [0, 0, -1], [1, 0, 0]]), 'axes of the kind body; write axes = "b'),
+        (flipped(0), "right-handed axes, with x the other way; convert the poses"),
+        (flipped(1), "right-handed axes, with y the other way; convert the poses"),
+        (flipped(2), "right-handed axes, with z the other way; convert the poses"),
+    ],
+)
+def test_the_reading_by_which_the_depth_fits_is_named(wrong, words):
+    poses = [stroll(t) for t in STROLL]
+    assert remarks(poses, poses) == []
+    (remark,) = remarks(poses, [wrong(one) for one in poses])
+    assert re.search(words, remark)
+
+
+@pytest.mark.parametrize(
+    ("late_s", "words"),
+    [
+        (0.2, r"stamps of the poses about 0\.2 s earlier; correct the offset of the clocks"),
+        (0.5, r"stamps of the poses about 0\.5 s earlier"),
+        (-0.35, r"stamps of the poses about 0\.35 s later"),
+    ],
+)
+def test_poses_later_than_their_images_are_remarked_on_with_the_offset(late_s, words):
+    """A pose whose stamp is late is given to an image that was taken after it."""
+    (remark,) = remarks([stroll(t) for t in STROLL], [stroll(t - late_s) for t in STROLL])
+    assert re.search(words, remark)
+
+
+@pytest.mark.parametrize(
+    ("zoom", "words"), [(2.0, "about 0.5 times the focal"), (0.5, "about 2 times the focal")]
+)
+def test_a_wrong_focal_length_is_remarked_on_with_the_factor(zoom, words):
+    poses = [stroll(t) for t in STROLL]
+    walked = Walk(poses, poses)
+    walked.camera = replace(CAMERA, fx=zoom * CAMERA.fx, fy=zoom * CAMERA.fy)
+    recording = GivenPoses(walked)
+    list(recording.frames())
+    (remark,) = recording.remarks[1:]
+    assert words in remark
+
+
+@pytest.mark.parametrize(("sigma_m", "sigma_deg"), [(0.01, 0.5), (0.03, 1.5), (0.1, 5.0)])
+def test_errors_of_poses_are_not_explained_by_another_reading(sigma_m, sigma_deg):
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        poses = [stroll(t) for t in STROLL]
+        given = [
+            one
+            @ Pose3.from_rotation(
+                Rotation.from_rotvec(rng.normal(0.0, np.radians(sigma_deg), 3)).as_matrix(),
+                rng.normal(0.0, sigma_m, 3),
+            )
+            for one in poses
+        ]
+        assert all("a camera at rest" in one for one in remarks(poses, given))
 
 
 @pytest.mark.parametrize(
