@@ -1,23 +1,25 @@
-"""Whether the given poses of a recording can be those of its camera.
+"""Whether the given poses of a recording can be those of its camera; without poses, whether it is held upright.
 
 Poses far from the origin of their world are refused: maps hold single precision and hash keys of voxels, so that at map
 coordinates of a country, such as UTM, cloud and mesh would be empty or torn.
 
 Depth images whose view has changed are compared by the given poses and by other readings of them, see `pose_readings`.
 In the same images a floor is sought twice: level by the stated vertical of the poses' world, and, if there is none or
-the camera would look down on it, as of a camera held upright. A small error is not noticed.
+the camera would look down on it, as of a camera held upright. Without poses a floor is sought as of a camera held
+upright, and of one held upside down. A small error is not noticed.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
 from perception.depth import structured_light
-from perception.depth.points import from_depth
+from perception.depth.points import Points, from_depth
 from perception.depth.reach import ReachesConfig
 from perception.floor.choose import find
 from perception.floor.prior import handheld_prior
@@ -69,6 +71,7 @@ class GivenPoses:
         self._sought = self._level = 0
         self._readings = PoseReadings()
         self._tilted: list[Float[np.ndarray, "3"]] = []  # normals of floors, world
+        self._upright = self._upside_down = 0
 
     @property
     def info(self) -> RecordingInfo:
@@ -99,6 +102,12 @@ class GivenPoses:
             )
         elif len(self._tilted) >= max(LEAST_PAIRS, PRONE * self._level):
             found += self._other_vertical()
+        if self._upside_down >= max(LEAST_PAIRS, PRONE * self._upright, self._sought / 2):
+            found.append(
+                f"{self._upside_down} images show a floor above the camera, {self._upright} one below it. If the camera "
+                "hung upside down, and did not look at a ceiling, turn all images by 180 deg; the principal point becomes "
+                "(width - 1 - cx, height - 1 - cy)"
+            )
         return [*self._recording.remarks, *found]
 
     def _other_vertical(self) -> list[str]:
@@ -131,8 +140,11 @@ class GivenPoses:
                 if last is not None:
                     self._check_step(*last, pose, frame.stamp_s)
                 last = pose, frame.stamp_s
-                if self._readings.add(frame.stamp_s, pose, depth) and depth is not None:
+            if self._readings.add(frame.stamp_s, pose, depth) and depth is not None:
+                if pose is not None:
                     self._check_floor(pose, depth)
+                elif depth.T_body_camera is None:
+                    self._check_upright(depth)
             yield frame
 
     def _check_step(self, last: Pose3, last_s: float, pose: Pose3, stamp_s: float) -> None:
@@ -146,10 +158,7 @@ class GivenPoses:
         if self.info.gravity_up_world is None or self._sought >= _MOST_FLOORS:
             return
         self._sought += 1
-        reach = ReachesConfig().of("depth", depth.camera.width)
-        points = from_depth(
-            structured_light.depth(depth), reach.nearest_m, reach.farthest_m, reach.stride
-        )
+        points = _points(depth)
         up, rng = np.array(self.info.gravity_up_world), np.random.default_rng(0)
         up_camera = pose.rotation.T @ up
         level = find(points, handheld_prior(up_camera), rng)
@@ -160,3 +169,24 @@ class GivenPoses:
                 self._tilted.append(normal)
                 return
         self._level += level is not None
+
+    def _check_upright(self, depth: DepthView) -> None:
+        """Look for a floor below the camera and above it; an image with both, as floor and ceiling, tells nothing."""
+        if self._sought >= _MOST_FLOORS:
+            return
+        self._sought += 1
+        points, rng = _points(depth), np.random.default_rng(0)
+        below, above = (
+            find(points, replace(prior, normal=sign * prior.normal), rng) is not None
+            for prior in (handheld_prior(None),)
+            for sign in (1.0, -1.0)
+        )
+        self._upright += below and not above
+        self._upside_down += above and not below
+
+
+def _points(depth: DepthView) -> Points:
+    reach = ReachesConfig().of("depth", depth.camera.width)
+    return from_depth(
+        structured_light.depth(depth), reach.nearest_m, reach.farthest_m, reach.stride
+    )

@@ -166,24 +166,26 @@ class PoseReadings:
 
     def __init__(self) -> None:
         self.changes = 0
-        """How often the view has changed."""
+        """How often the view has changed between poses."""
         self._last: DepthView | None = None
         self._poses: deque[tuple[float, Pose3]] = deque()
         self._waiting: deque[tuple[float, DepthView]] = deque()
         self._before: deque[tuple[DepthView, list[Pose3 | None]]] = deque(maxlen=max(_BEFORE))
         self._tallies = [_Tally() for _ in READINGS]
 
-    def add(self, stamp_s: float, pose: Pose3, depth: DepthView | None) -> bool:
-        """Take in a pose, and whether the view has changed."""
-        self._poses.append((stamp_s, pose))
+    def add(self, stamp_s: float, pose: Pose3 | None, depth: DepthView | None) -> bool:
+        """Take in a frame; whether its view has changed."""
+        if pose is not None:
+            self._poses.append((stamp_s, pose))
         changed = False
         if depth is not None:
             view = _thinned(depth)
             same = None if self._last is None else agreement(self._last, view, Pose3())
             changed = same is None or same <= _CHANGED
-            self.changes += changed and same is not None
+            self.changes += changed and same is not None and pose is not None
             if changed:
                 self._last = view
+            if changed and pose is not None:
                 self._waiting.append((stamp_s, view))
         while self._waiting and self._waiting[0][0] + _OFFSETS_S[-1] <= stamp_s:
             self._compare(*self._waiting.popleft())

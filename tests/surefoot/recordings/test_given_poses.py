@@ -211,6 +211,19 @@ def test_a_camera_may_be_mounted_with_any_roll_if_its_vertical_is_right(roll):
     assert remarks(poses, poses, (0.0, -1.0, 0.0)) == []
 
 
+@pytest.mark.parametrize("tilt", [-0.35, -0.5, 0.0])
+@pytest.mark.parametrize("roll", [0.0, 180.0])
+def test_a_camera_without_poses_that_hangs_upside_down_is_remarked_on(tilt, roll):
+    """Level, it sees as much of the ceiling as of the floor; then nobody can tell."""
+    turned = Rotation.from_euler("XZ", [tilt, np.radians(roll)]).as_matrix()
+    poses = [
+        Pose3.from_rotation(Rotation.from_euler("y", 0.1 * i).as_matrix() @ turned, np.zeros(3))
+        for i in range(40)
+    ]
+    found = remarks(poses, [None] * 40)
+    assert ["turn all images by 180 deg" in one for one in found] == [True] * (tilt < 0.0 < roll)
+
+
 def test_a_camera_at_rest_may_have_one_pose():
     poses = [pose(0.3, (0.0, 0.0, 0.0))] * 20
     assert remarks(poses, poses) == []
