@@ -34,6 +34,7 @@ from .recording import (
     Recording,
     RecordingInfo,
     SkippedFrame,
+    odd_intrinsics,
     slow_stamps,
 )
 
@@ -66,6 +67,7 @@ class GivenPoses:
 
     def _start(self) -> None:
         self._fastest = (0.0, 0.0)
+        self._odd = ""
         self._stamps: list[float] = []  # the first ones
         self._moving = False
         self._sought = self._level = 0
@@ -86,7 +88,7 @@ class GivenPoses:
     @property
     def remarks(self) -> list[str]:
         """The recording's own, and what speaks against its poses."""
-        found = [remark] if (remark := slow_stamps(self._stamps)) else []
+        found = [one for one in (self._odd, slow_stamps(self._stamps)) if one]
         speed, stamp_s = self._fastest
         if speed:
             found.append(
@@ -134,6 +136,7 @@ class GivenPoses:
         for frame in self._recording.frames():
             if fault := far_pose(frame):
                 raise RecordingError(f"{self.info.name}: frame at {frame.stamp_s} s: {fault}")
+            self._odd = self._odd or odd_intrinsics(frame)
             self._stamps += [frame.stamp_s] * (len(self._stamps) <= FOLLOWING)
             pose, depth = frame.T_world_camera, frame.depth
             if pose is not None:

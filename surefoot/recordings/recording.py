@@ -22,6 +22,8 @@ DESCRIPTION_FILE = "recording.toml"
 LAST_STAMP_S = 1.67e10  # ours: in 2499; stamps in ms or ns are later, and MCAP ends in 2554
 INTERVALS_S = (2e-4, 3600.0)  # ours: between two frames of one recording
 SLOW_S = 5.0  # ours: as ms 200 Hz; slower recordings are unlikely
+OFF_CENTRE = 0.25  # ours: share of the image by which a principal point may be off its middle
+UNEQUAL = 1.9  # ours: of fx and fy; a picture of 16:9 made square has 1.8
 FOLLOWING = 8  # ours: stamps that show whether the one before is too late; four in a row may be
 T = TypeVar("T")
 
@@ -213,6 +215,22 @@ def slow_stamps(stamps_s: Sequence[float]) -> str:
     return (
         f"frames are {np.median(steps):g} s apart, and their stamps are whole numbers{_likely(float(np.median(steps)))}; "
         "divide them by 1000 if so, since speeds of obstacles depend on them"
+    )
+
+
+def odd_intrinsics(frame: Frame) -> str:
+    """A remark on intrinsics that are likely to be those of images of another size; empty if they are not."""
+    view = frame.depth or frame.stereo or frame.colour
+    if view is None:
+        return ""
+    camera = view.camera
+    aside = [(camera.cx + 0.5) / camera.width, (camera.cy + 0.5) / camera.height]
+    ratio = camera.fx / camera.fy
+    if all(abs(one - 0.5) <= OFF_CENTRE for one in aside) and 1 / UNEQUAL <= ratio <= UNEQUAL:
+        return ""
+    return (
+        f"focal length ({camera.fx:g}, {camera.fy:g}) and principal point ({camera.cx:g}, {camera.cy:g}) px are unusual for "
+        f"images of {camera.width}x{camera.height} px; if they belong to another size, scale them by the ratio of the sizes"
     )
 
 

@@ -12,7 +12,7 @@ from perception.primitives.pose import Pose3
 
 from .given_poses import GivenPoses
 from .open import open_recording
-from .recording import Recording, RecordingInfo, SkippedFrame, slow_stamps
+from .recording import Recording, RecordingInfo, SkippedFrame, odd_intrinsics, slow_stamps
 
 
 class WithoutPoses:
@@ -28,6 +28,7 @@ class WithoutPoses:
             )
         self._recording = recording
         self.poses: dict[float, Pose3] = {}
+        self._odd = ""
 
     @property
     def info(self) -> RecordingInfo:
@@ -47,13 +48,14 @@ class WithoutPoses:
     @property
     def remarks(self) -> list[str]:
         """The recording's own, and that its poses were ignored."""
-        slow = slow_stamps(list(self.poses))
         ignored = "poses of the recording ignored; kept as truth/"
-        return [*self._recording.remarks, *([slow] if slow else []), ignored]
+        found = (self._odd, slow_stamps(list(self.poses)), ignored)
+        return [*self._recording.remarks, *(one for one in found if one)]
 
     def frames(self) -> Iterator[Frame]:
         """The readable frames, without their poses."""
         for frame in self._recording.frames():
+            self._odd = self._odd or odd_intrinsics(frame)
             if frame.T_world_camera is not None:
                 self.poses[frame.stamp_s] = frame.T_world_camera
             yield replace(frame, T_world_camera=None)

@@ -14,7 +14,7 @@ from perception.primitives.frame import DepthView, Frame
 from perception.primitives.pose import Pose3
 from surefoot.recordings.given_poses import GivenPoses
 from surefoot.recordings.recording import RecordingInfo
-from surefoot.recordings.without_poses import open_input
+from surefoot.recordings.without_poses import WithoutPoses, open_input
 
 CAMERA = Camera.from_view(160, 120, 1.2, 0.9)
 ROOM = np.array([2.0, 1.2, 3.0])  # half of its sides, m
@@ -160,6 +160,21 @@ def test_a_wrong_focal_length_is_remarked_on_with_the_factor(zoom, words):
     list(recording.frames())
     (remark,) = recording.remarks[1:]
     assert words in remark
+
+
+@pytest.mark.parametrize("ignore", [False, True])
+@pytest.mark.parametrize(
+    ("fx", "cx", "odd"),
+    [(1.0, 0.0, False), (1.7, 0.0, False), (2.0, 0.0, True), (1.0, 0.2, False), (1.0, 0.5, True)],
+)
+def test_intrinsics_of_another_size_are_remarked_on(ignore, fx, cx, odd):
+    poses = walk(3)
+    walked = Walk(poses, poses)
+    walked.camera = replace(CAMERA, fx=fx * CAMERA.fy, cx=CAMERA.cx + cx * CAMERA.width)
+    recording = (WithoutPoses if ignore else GivenPoses)(walked)
+    list(recording.frames())
+    found = [one for one in recording.remarks if "unusual for images of 160x120 px" in one]
+    assert ["scale them by the ratio of the sizes" in one for one in found] == [True] * odd
 
 
 @pytest.mark.parametrize(("sigma_m", "sigma_deg"), [(0.01, 0.5), (0.03, 1.5), (0.1, 5.0)])
