@@ -32,6 +32,7 @@ _BEFORE = (
 _EXPLAINED = (
     0.5  # ours: poses with errors fit nothing, so that each of many readings may be a little better
 )
+_ENOUGH = 60  # ours: changes of the view; later ones are compared for a camera at rest alone
 LEAST_PAIRS = 5  # ours: pairs of images that contradict the poses
 PRONE = 3  # ours: times as many pairs as those that confirm them
 _OFFSETS_S = (
@@ -189,6 +190,9 @@ class PoseReadings:
                 self._waiting.append((stamp_s, view))
         while self._waiting and self._waiting[0][0] + _OFFSETS_S[-1] <= stamp_s:
             self._compare(*self._waiting.popleft())
+        oldest_s = self._waiting[0][0] if self._waiting else stamp_s
+        while len(self._poses) > 2 and self._poses[1][0] < oldest_s - _OFFSETS_S[-1]:
+            self._poses.popleft()
         return changed
 
     @property
@@ -207,11 +211,10 @@ class PoseReadings:
         return reading, pairs
 
     def _compare(self, stamp_s: float, view: DepthView) -> None:
-        while len(self._poses) > 2 and self._poses[1][0] < stamp_s - _OFFSETS_S[-1]:
-            self._poses.popleft()
+        readings = READINGS if self.changes <= _ENOUGH else READINGS[:2]
         poses = [
             None if given is None else reading.pose(given)
-            for reading in READINGS
+            for reading in readings
             for given in (self._at(stamp_s + reading.later_s, reading.later_s == 0.0),)
         ]
         for steps in _BEFORE:
@@ -220,7 +223,7 @@ class PoseReadings:
             other, others = self._before[-steps]
             given: float | None = None
             for reading, tally, mine, theirs in zip(
-                READINGS, self._tallies, poses, others, strict=True
+                readings, self._tallies, poses, others, strict=False
             ):
                 if mine is None or theirs is None:
                     continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.frame import DepthView, Frame
 from perception.primitives.pose import Pose3
 from surefoot.recordings.given_poses import GivenPoses
+from surefoot.recordings.pose_readings import PoseReadings
 from surefoot.recordings.recording import RecordingInfo
 from surefoot.recordings.without_poses import WithoutPoses, open_input
 
@@ -289,3 +291,12 @@ def test_poses_of_a_table_with_semicolons_may_have_decimal_commas(tum, separator
     table = [row.replace(".", ",").replace(" ", separator) for row in rows]
     (tum / "groundtruth.txt").write_text("\n".join(table))
     assert moved() == expected
+
+
+def test_poses_without_depth_are_not_kept():
+    """A recording of any length is read in constant memory."""
+    readings, sizes = PoseReadings(), []
+    for k in range(1000):
+        readings.add(0.1 * k, Pose3((0.01 * k, 0.0, 0.0)), None)
+        sizes.append(len(pickle.dumps(readings)))
+    assert sizes[-1] < 1.5 * sizes[100]
