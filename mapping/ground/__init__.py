@@ -2,7 +2,7 @@
 
 Read in this order: `surface` (values), `ground_map` (motion, images, surfaces), `measured` (what one region says),
 `height_filter` (heights and slopes of all surfaces together), `sides` (straight sides), `seen_cells` and `outline` (the
-rest of the outline), `lookup` (places in the image), `layers` (a grid of heights).
+rest of the outline), `lookup` (places in the image).
 
 `perception.terrain` measures the regions of one image.
 

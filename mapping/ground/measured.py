@@ -28,17 +28,15 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Level:
-    """Height and slopes of a region; map frame.
+    """Height and slopes of a region about an origin; map frame.
 
     Args:
-        origin: (x, y) about which they are stated, m.
         value: (z, dz/dx, dz/dy).
         by_camera: (3, 6), change by an error of the camera's pose.
         shared: (3, k), change by one standard deviation of each coefficient of the distortion.
         noise: (3, 3), covariance by all else.
     """
 
-    origin: Float[np.ndarray, "2"]
     value: Float[np.ndarray, "3"]
     by_camera: Float[np.ndarray, "3 6"]
     shared: Float[np.ndarray, "3 k"]
@@ -66,7 +64,6 @@ def level(region: Region, T: Pose3, origin: Float[np.ndarray, "2"]) -> Level:
     change = -np.vstack([drho + [*origin, z] @ dn, dn[:2] + slope[:, None] * dn[2]]) / n[2]
     by_plane, by_camera = change[:, :3], change[:, 3:]
     return Level(
-        origin,
         np.array([z, *slope]),
         by_camera,
         by_plane @ region.shared,

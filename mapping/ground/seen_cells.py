@@ -30,11 +30,6 @@ class SeenCells:
         """Whether no cell is seen."""
         return not bool((self._count > 0).any())
 
-    @property
-    def area_m2(self) -> float:
-        """Of the cells that are seen."""
-        return float(np.count_nonzero(self._count > 0)) * CELL_M**2
-
     def places(self) -> Float[np.ndarray, "n 2"]:
         """(x, y) of the middles of all seen cells, m."""
         return self._middles(np.argwhere(self._count > 0))
@@ -64,14 +59,14 @@ class SeenCells:
         high = np.minimum(self._first + self._count.shape, other._first + other._count.shape)
         return bool((low < high).all())
 
-    def add(self, points: Float[np.ndarray, "n 2"], views: int = 1) -> None:
+    def add(self, points: Float[np.ndarray, "n 2"]) -> None:
         """See the cells of points once more; no two points in one cell."""
         if not len(points):
             return
         index = np.floor(points / CELL_M).astype(int)
         self._reach_to(index.min(axis=0)[::-1], index.max(axis=0)[::-1] + 1)
         at = tuple((index[:, ::-1] - self._first).T)
-        self._count[at] = np.minimum(self._count[at] + views, MOST)
+        self._count[at] = np.minimum(self._count[at] + 1, MOST)
 
     def take(self, points: Float[np.ndarray, "n 2"]) -> None:
         """See the cells of points once less: something else is there now."""

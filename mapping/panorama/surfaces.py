@@ -73,12 +73,10 @@ class Alignment:
     Args:
         T_to_from: Pose of the source in the target.
         covariance: Rotation (rad^2), then translation (m^2), in the source's axes.
-        share: Share of the source's points that were associated.
     """
 
     T_to_from: Pose3
     covariance: Float[np.ndarray, "6 6"]
-    share: float
 
 
 def align(
@@ -102,12 +100,11 @@ def align(
     known = np.isfinite(source.normals).all(axis=-1)
     points, normals, sigma = source.points[known], source.normals[known], source.sigma[known]
     rotation, translation = start.rotation, start.position
-    square, share, hessian = np.nan, 0.0, np.eye(6)
+    square, hessian = np.nan, np.eye(6)
     for gate in GATES_M:
         for _ in range(ROUNDS):
             found = _associate(target, points, normals, rotation, translation, gate)
-            share = len(found[0]) / max(len(points), 1)
-            if share < LEAST_SHARE:
+            if len(found[0]) / max(len(points), 1) < LEAST_SHARE:
                 return None
             index, normal, off = found
             across = normal @ rotation  # normal in the source's axes
@@ -128,7 +125,7 @@ def align(
             rotation = rotation @ Rotation.from_rotvec(step[:3]).as_matrix()
             hessian *= len(index) / np.sum(weight)
     covariance = CORRELATED * max(square, LEAST_SIGMA_M**2) * np.linalg.inv(hessian)
-    return Alignment(Pose3.from_rotation(rotation, translation), covariance, share)
+    return Alignment(Pose3.from_rotation(rotation, translation), covariance)
 
 
 def _associate(

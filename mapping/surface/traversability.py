@@ -73,7 +73,6 @@ class Traversability:
             vertical wall was seen.
         origin: Lower left corner of cell [0, 0], map frame, m.
         cell_m: Side of a cell, m.
-        config: Its configuration.
     """
 
     height: Float32[np.ndarray, "rows columns"]
@@ -83,7 +82,6 @@ class Traversability:
     covered: Float32[np.ndarray, "rows columns"]
     origin: Float[np.ndarray, "2"]
     cell_m: float
-    config: TraversabilityConfig
 
     @property
     def known(self) -> Bool[np.ndarray, "rows columns"]:
@@ -131,7 +129,7 @@ def traversability(mesh: Mesh, config: TraversabilityConfig | None = None) -> Tr
     if len(points) == 0:
         nothing = np.zeros((0, 0), np.float32)
         return Traversability(
-            nothing, nothing, nothing, nothing, nothing, np.zeros(2), config.cell_m, config
+            nothing, nothing, nothing, nothing, nothing, np.zeros(2), config.cell_m
         )
     first = np.floor(points[:, :2].min(axis=0) / config.cell_m).astype(int)
     column, row = (np.floor(points[:, :2] / config.cell_m).astype(int) - first).T
@@ -158,7 +156,6 @@ def traversability(mesh: Mesh, config: TraversabilityConfig | None = None) -> Tr
         covered.astype(np.float32),
         first * config.cell_m,
         config.cell_m,
-        config,
     )
 
 

@@ -11,7 +11,6 @@ import pytest
 
 from mapping.ground.config import GroundConfig
 from mapping.ground.ground_map import GroundMap
-from mapping.ground.layers import height_layers
 from mapping.ground.surface import Border
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.pose import Pose2, Pose3
@@ -180,20 +179,6 @@ def test_ground_far_behind_is_forgotten():
     assert at(ground.surfaces, -0.5)
     for one in ground.surfaces:
         assert one.outline[:, 0].min() > -1.05
-
-
-def test_layers_hold_both_levels_of_a_table_over_the_floor(stairs):
-    layers = height_layers(stairs, half_m=1.5, cell_m=0.05)
-    middle = layers.height_m.shape[1] // 2
-    column = middle + round((0.4 + 0.145) / layers.cell_m)
-    assert layers.height_m[0, middle, column] == pytest.approx(0.16, abs=0.006)
-    assert np.sqrt(layers.variance_m2[0, middle, column]) < 0.02
-    table = [*FLAT, ((1.0, 0.5), (1.4, 0.5), 3.0)]
-    found = seen(FLAT).surfaces + seen(table, steps=1).surfaces
-    two = height_layers(found, half_m=1.5, cell_m=0.05)
-    stack = two.height_m[:, middle, middle + round(1.2 / 0.05)]
-    assert np.nanmin(stack) == pytest.approx(0.0, abs=0.01)
-    assert np.nanmax(stack) == pytest.approx(0.5, abs=0.01)
 
 
 def test_what_is_wrong_is_said():
