@@ -70,12 +70,12 @@ class World:
         self.stamp_s = stamp_s
         self._traffic.advance_to(stamp_s, robot)
 
-    def moving_states(self, after_s: float = 0.0) -> list[MovingState]:
-        """(x, y, vx, vy) of every moving object, now or after a time, m and m/s."""
-        return self._traffic.states(self.stamp_s + after_s)
+    def moving_states(self) -> list[MovingState]:
+        """(x, y, vx, vy) of every moving object, m and m/s."""
+        return self._traffic.states(self.stamp_s)
 
     def body_states(self, after_s: float = 0.0) -> list[MovingState]:
-        """The same of every piece of `Scene.moving_bodies`."""
+        """The same of every piece of `Scene.moving_bodies`, now or after a time."""
         return self._traffic.body_states(self.stamp_s + after_s)
 
     def carry(self, links: Sequence[tuple[Solid, ...]]) -> None:

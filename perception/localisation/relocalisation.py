@@ -21,6 +21,7 @@ from ..filtering.models import range_bearing, sighting_difference, symmetric, wr
 from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Sighting
 
+GATE_PROBABILITY = 0.999  # ours: share of correct pairs that pass the test for contradictions
 STRAIGHT = 1.5  # ours: cost two deviations away, relative to that of a Gaussian, beyond which the pose is on an arc
 
 
@@ -28,7 +29,6 @@ def pose_from_sightings(
     sightings: Sequence[Sighting],
     positions: Float[np.ndarray, "k 2"],
     noise: Float[np.ndarray, "m m"],
-    gate_probability: float = 0.999,
 ) -> Gaussian | None:
     """The pose from which landmarks are seen as measured.
 
@@ -36,7 +36,6 @@ def pose_from_sightings(
         sightings: k of them, in one frame.
         positions: Of their landmarks, (k, 2), world frame, m.
         noise: (2 k, 2 k) covariance of (range, bearing, ...).
-        gate_probability: Share of correct pairs that pass the test for contradictions.
 
     Returns:
         Gaussian over (x, y, yaw), m and rad, world frame; None for fewer than two landmarks, two at one position or so
@@ -61,7 +60,7 @@ def pose_from_sightings(
         return float(rest @ weight @ rest)
 
     least = cost(pose)
-    if not least <= chi_square_quantile(gate_probability, 2 * len(sightings) - 3):
+    if not least <= chi_square_quantile(GATE_PROBABILITY, 2 * len(sightings) - 3):
         return None
     covariance = symmetric(np.linalg.inv(information))
     values, vectors = np.linalg.eigh(covariance)

@@ -1,9 +1,9 @@
 """Corners of a tag to a tenth of a pixel, as intersections of straight lines fitted to its four edges.
 
-A blurred corner templates rounder, so a corner detector places it inside the square, and the tag seems smaller and
+A blurred corner looks rounder, so a corner detector places it inside the square, and the tag seems smaller and
 farther than it is: by 2 cm at 2 m. A blurred straight edge keeps its position.
 
-An object in front of a tag can end it in a straight bright edge, too. The tag is still decoded, but templates
+An object in front of a tag can end it in a straight bright edge, too. The tag is still decoded, but looks
 shorter and a tenth farther. Its cells reveal the occlusion, because they are not where they should be.
 
 Source: ours.
@@ -24,24 +24,24 @@ SAMPLES = 24  # profiles along an edge
 MARGIN = 0.12  # share of an edge skipped at either end, where the corner is rounded
 STRIPS = (0.04, 0.08, 0.12, 0.16)  # of a side; with more missing a tag is not decoded
 TEMPLATE_PX = 36  # side of the image in which a tag is compared
+ROUNDS = 2  # times that profiles are sampled across the current edges
 FINE = 25  # pixels of a cell before strips are cut off
 
 
 def refine_corners(
-    grey: UInt8[np.ndarray, "h w"], corners: Float[np.ndarray, "4 2"], rounds: int = 2
+    grey: UInt8[np.ndarray, "h w"], corners: Float[np.ndarray, "4 2"]
 ) -> Float[np.ndarray, "4 2"] | None:
     """Corners of a dark square on a bright background, from its edges.
 
     Args:
         grey: The image.
         corners: (u, v) in px, in order around the square, accurate to a pixel.
-        rounds: Number of times that profiles are sampled across the current edges.
 
     Returns:
         The corners, px; None if an edge is not clearly visible.
     """
     found = corners
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         lines = [_edge(grey, found[i], found[(i + 1) % 4], found.mean(axis=0)) for i in range(4)]
         meeting = [_intersection(lines[i - 1], lines[i]) for i in range(4)]
         if any(point is None for point in meeting):

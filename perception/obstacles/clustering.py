@@ -133,11 +133,6 @@ class Cluster:
         """Whether centre and radius are those of the whole object, not only of its visible part."""
         return self.whole or self.circular
 
-    @property
-    def length_m(self) -> float:
-        """Longer side of the visible part."""
-        return self.footprint.length_m
-
 
 def cluster(
     points: Float[np.ndarray, "n 3"],

@@ -67,14 +67,12 @@ class Patch:
     """A connected region of one colour in an image.
 
     Args:
-        colour: Index of the colour in the configuration.
         left, right: Columns of its sides, px.
         side: Row at which the sides are measured, px.
         foot: Row of its lower end in the middle, px.
         top: Row of its upper end, px.
     """
 
-    colour: int
     left: float
     right: float
     side: float
@@ -114,7 +112,7 @@ def patches(rgb: UInt8[np.ndarray, "h w 3"], config: ColouredConfig) -> list[Pat
             cut = x <= 1 or x + w >= width - 1 or y + h >= height - 1
             if cut or area < LEAST_AREA_PX:
                 continue
-            found.append(_patch(colour, parts[y : y + h, x : x + w] == part, x, y))
+            found.append(_patch(parts[y : y + h, x : x + w] == part, x, y))
     return found
 
 
@@ -143,7 +141,7 @@ def _labels(config: ColouredConfig) -> Int8[np.ndarray, "262144"]:
     return labels
 
 
-def _patch(colour: int, mask: np.ndarray, x: int, y: int) -> Patch:
+def _patch(mask: np.ndarray, x: int, y: int) -> Patch:
     """Sides in the third quarter of its rows, above the rounding of its foot; foot in its middle third."""
     h = len(mask)
     rows = np.arange(h // 2, max(3 * h // 4, h // 2 + 1))
@@ -154,9 +152,7 @@ def _patch(colour: int, mask: np.ndarray, x: int, y: int) -> Patch:
     middle = mask[:, round(left) + third : max(round(right) - third, round(left) + third) + 1]
     lowest = h - 1 - np.argmax(middle[::-1], axis=0)
     foot = float(np.median(lowest[middle.any(axis=0)])) if middle.any() else h - 1.0
-    return Patch(
-        colour, x + left - 0.5, x + right + 0.5, y + float(rows.mean()), y + foot + 0.5, float(y)
-    )
+    return Patch(x + left - 0.5, x + right + 0.5, y + float(rows.mean()), y + foot + 0.5, float(y))
 
 
 def _locate(

@@ -139,17 +139,14 @@ class HypothesisBank:
 
 
 def filter_unknown(
-    journey: Journey,
-    config: PlanarConfig | None = None,
-    prior: PlanarPrior | None = None,
-    bank: BankConfig | None = None,
+    journey: Journey, config: PlanarConfig | None = None
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
     """Filter a run without using the identities of its landmarks.
 
     Returns:
         Means and covariances of (x, y, yaw) at each instant.
     """
-    robots = HypothesisBank(journey.start, journey.places, config, prior, bank)
+    robots = HypothesisBank(journey.start, journey.places, config)
     means, covariances = np.empty((len(journey.steps), 3)), np.empty((len(journey.steps), 3, 3))
     for i, (dt, path, turn) in enumerate(journey.steps.tolist()):
         robots.predict(dt, path, turn)

@@ -86,7 +86,6 @@ def fit(
     guess: PlanarConfig | None = None,
     delay_s: float = 0.1,
     sweeps: int = 6,
-    prior: PlanarPrior | None = None,
 ) -> tuple[PlanarConfig, float]:
     """The parameters with the highest likelihood, and the delay of the odometry.
 
@@ -95,7 +94,6 @@ def fit(
         guess: Initial parameters; a factor of e^3 counts as one standard deviation.
         delay_s: Initial delay, s.
         sweeps: Number of times that each parameter is tried.
-        prior: Of the state at the start.
 
     Returns:
         Parameters and delay, s.
@@ -110,9 +108,7 @@ def fit(
         )
 
     def cost(point: np.ndarray) -> float:
-        likelihood = filter_journey(
-            journey_at(float(point[-1])), config(point), prior
-        ).log_likelihood
+        likelihood = filter_journey(journey_at(float(point[-1])), config(point)).log_likelihood
         return -likelihood + float(point[:-1] @ point[:-1]) / (2.0 * 3.0**2)
 
     start = np.append(np.zeros(len(FITTED)), delay_s)
@@ -148,7 +144,6 @@ def fit_sizes(
     guess: PlanarConfig,
     delay_s: float,
     prior: PlanarPrior,
-    sweeps: int = 5,
 ) -> tuple[PlanarConfig, float]:
     """As `fit`, for a short log that may hold an event: one factor for each group of `SIZES`, and the delay."""
 
@@ -167,7 +162,7 @@ def fit_sizes(
         )
 
     steps = [0.7] * len(SIZES) + [0.1]
-    best = compass_search(cost, np.append(np.zeros(len(SIZES)), delay_s), steps, sweeps)
+    best = compass_search(cost, np.append(np.zeros(len(SIZES)), delay_s), steps, 5)
     return config(best), float(best[-1])
 
 

@@ -166,7 +166,6 @@ def glance(
     sightings: Sequence[Sighting],
     places: Mapping[int, tuple[float, float]],
     elapsed_s: float = 0.0,
-    loss: Loss = TAG_LOSS,
 ) -> Glance | None:
     """The landmarks of one frame, or None without valid sightings.
 
@@ -176,7 +175,6 @@ def glance(
         sightings: Those without identity, unknown or not finite are ignored.
         places: Positions of landmarks, world frame, m, by identity.
         elapsed_s: Since the previous glance.
-        loss: Of each landmark.
     """
     valid: list[tuple[int, np.ndarray, np.ndarray]] = []
     for one in sightings:
@@ -193,5 +191,5 @@ def glance(
     for identity, measured, P in valid:
         P = P - np.diag([0.0, shared])
         common = Effect(RANGE, math.sqrt(P[0, 0]), 0.0 if seen else elapsed_s)
-        seen.append(LandmarkSeen(places[identity], measured, P, (common,), loss))
+        seen.append(LandmarkSeen(places[identity], measured, P, (common,), TAG_LOSS))
     return Glance(number, tuple(seen), math.sqrt(shared), (Effect(PAN, 1.0),))

@@ -46,7 +46,6 @@ def terrain(
     voxels: Voxels,
     robot: RobotModel,
     middle: Float[np.ndarray, "2"],
-    risk: float = RISK,
 ) -> Terrain:
     """Cost of a place for the body, and places where it may not be.
 
@@ -57,7 +56,6 @@ def terrain(
         voxels: What stands round it, body frame.
         robot: Radius, height, and how high it steps.
         middle: (x, y) of the body, midway between the feet.
-        risk: Largest chance to touch something.
     """
     ground = _ground(surfaces)
     known = np.isfinite(ground)
@@ -74,7 +72,7 @@ def terrain(
     above = z - VOXEL_M / 2 > beside[row, column] + LOW_M
     row, column, z, sigma = row[above], column[above], z[above], sigma[above]
     level = np.round(filled / LEVEL_M).astype(int)
-    safe = float(norm.isf(risk))
+    safe = float(norm.isf(RISK))
     gap = np.full((COUNT, COUNT), math.inf)  # in standard deviations beyond the radius
     clear = np.full((COUNT, COUNT), math.inf)
     for one in np.unique(level):

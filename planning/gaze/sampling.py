@@ -69,7 +69,6 @@ def sample_region(
     confidence: ConfidenceLayer,
     pose: Gaussian,
     config: GazeMapConfig,
-    farthest_m: float | None = None,
 ) -> tuple[Float[np.ndarray, "n 2"], Float32[np.ndarray, "n"]]:
     """R_s: middles of the cells between d_nm and d_fm within the range of the neck, and their confidence.
 
@@ -78,12 +77,11 @@ def sample_region(
         confidence: Of its cells.
         pose: Over (x, y, yaw), world frame.
         config: d_nm, d_fm and the range of the neck.
-        farthest_m: Replaces d_fm.
 
     Returns:
         Points in the world frame, m, and C in [0, 1].
 
     Source: seed 001, section 3, eq. (1).
     """
-    cells = region(grid, pose, config, farthest_m or config.evaluation.farthest_m)
+    cells = region(grid, pose, config, config.evaluation.farthest_m)
     return grid.centres().reshape(-1, 2)[cells], confidence.values.ravel()[cells]

@@ -25,43 +25,29 @@ class Kind:
 
     Args:
         make: Makes it from its value and a source of chance.
-        effect: What it does, in a few words.
         value: Its usual value; None: it takes none.
-        unit: Of the value.
         least, most: The value lies between, without the limits themselves.
     """
 
     make: Callable[[float, np.random.Generator], Fault]
-    effect: str
     value: float | None = None
-    unit: str = ""
     least: float = 0.0
     most: float = math.inf
 
 
 KINDS: dict[str, Kind] = {
-    "frozen": Kind(lambda v, rng: Frozen(), "pictures repeat"),
-    "late": Kind(lambda v, rng: Late(v), "pictures arrive late", 0.4, "s", 0.0, 5.0),
-    "half-blind": Kind(lambda v, rng: HalfBlind(), "left half of the pictures gone"),
-    "blackout": Kind(lambda v, rng: Blackout(), "pictures empty"),
-    "miscalibrated": Kind(
-        lambda v, rng: Miscalibrated(v), "cameras turned on their mounts", 3.0, "deg", -45.0, 45.0
-    ),
-    "encoder-offset": Kind(
-        lambda v, rng: EncoderOffset(v), "encoder of the head's pan off", 5.0, "deg", -45.0, 45.0
-    ),
-    "lost-odometry": Kind(lambda v, rng: LostOdometry(), "no step odometry"),
-    "slipping-foot": Kind(
-        lambda v, rng: SlippingFoot(v), "share of each step that slides", 0.4, "", 0.0, 0.9
-    ),
-    "gyro-bias": Kind(
-        lambda v, rng: GyroBias(v), "step of the gyro's bias", 10.0, "deg/s", -500.0, 500.0
-    ),
-    "clock-jump": Kind(lambda v, rng: ClockJump(v), "clock set", 1.0, "s", -1e6, 1e6),
-    "clock-drift": Kind(
-        lambda v, rng: ClockDrift(v), "clock too fast by a share", 0.02, "", -0.5, 1.0
-    ),
-    "dropped": Kind(lambda v, rng: Dropped(v, rng), "share of frames lost", 0.2, "", 0.0, 1.0),
+    "frozen": Kind(lambda v, rng: Frozen()),
+    "late": Kind(lambda v, rng: Late(v), 0.4, 0.0, 5.0),  # s
+    "half-blind": Kind(lambda v, rng: HalfBlind()),
+    "blackout": Kind(lambda v, rng: Blackout()),
+    "miscalibrated": Kind(lambda v, rng: Miscalibrated(v), 3.0, -45.0, 45.0),  # deg
+    "encoder-offset": Kind(lambda v, rng: EncoderOffset(v), 5.0, -45.0, 45.0),  # deg
+    "lost-odometry": Kind(lambda v, rng: LostOdometry()),
+    "slipping-foot": Kind(lambda v, rng: SlippingFoot(v), 0.4, 0.0, 0.9),  # share of each step
+    "gyro-bias": Kind(lambda v, rng: GyroBias(v), 10.0, -500.0, 500.0),  # deg/s
+    "clock-jump": Kind(lambda v, rng: ClockJump(v), 1.0, -1e6, 1e6),  # s
+    "clock-drift": Kind(lambda v, rng: ClockDrift(v), 0.02, -0.5, 1.0),  # share
+    "dropped": Kind(lambda v, rng: Dropped(v, rng), 0.2, 0.0, 1.0),  # share of the frames
 }
 """Name to fault, in the order in which several are applied: cameras, motion, clock, loss."""
 

@@ -152,10 +152,10 @@ class Renderer:
             )
         return int(body)
 
-    def place(self, body: int, x: float, y: float, z: float = 0.0) -> None:
-        """Move a body, m."""
+    def place(self, body: int, x: float, y: float) -> None:
+        """Move a body on the floor, m."""
         self._bullet.resetBasePositionAndOrientation(
-            body, [x, y, z], [0.0, 0.0, 0.0, 1.0], physicsClientId=self._client
+            body, [x, y, 0.0], [0.0, 0.0, 0.0, 1.0], physicsClientId=self._client
         )
 
     def pose(self, body: int, T_world_body: Pose3) -> None:

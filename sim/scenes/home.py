@@ -35,7 +35,6 @@ _COLOURS = ("orange", "lime", "violet", "navy", "red")
 
 @dataclass(frozen=True)
 class _Layout:
-    extent: Extent
     walker: Walker
     static_objects: tuple[StaticObject, ...]
     space: ClearanceMap
@@ -139,7 +138,7 @@ def _lay_out(
     if path is None or any(goal is None or not reach[space.cell(goal)] for goal in others):
         return None
     goals = (first, *(goal for goal in others if goal is not None))
-    return _Layout(extent, walker, static_objects, space, path, start, goals)
+    return _Layout(walker, static_objects, space, path, start, goals)
 
 
 def _models(difficulty: float) -> tuple[Model, ...]:

@@ -115,8 +115,9 @@ def narrow_course(seed: int) -> Scene:
     )
 
 
-def hemisphere(centre: Place, radius: float, colour: str, layers: int = 10) -> tuple[Shape, ...]:
-    """A dome of stacked discs, each with the radius of the sphere at its mid height."""
+def hemisphere(centre: Place, radius: float, colour: str) -> tuple[Shape, ...]:
+    """A dome of ten stacked discs, each with the radius of the sphere at its mid height."""
+    layers = 10
     height = radius / layers
     return tuple(
         Cylinder(

@@ -32,9 +32,9 @@ NEIGHBOURS = 30  # Open3D's example
 NEAR_M = 0.01  # a tread is found if a region or patch lies within this of its height
 
 
-def scene(width: int = 640, height: int = 480) -> tuple[Depth, Pose3]:
+def scene() -> tuple[Depth, Pose3]:
     """Four steps ahead of a camera at the height of a head."""
-    camera = Camera.from_view(width, height, math.radians(70.0), math.radians(55.0))
+    camera = Camera.from_view(640, 480, math.radians(70.0), math.radians(55.0))
     T = Pose3.from_rotation(head_rotation(0.2, TILT_RAD), np.array([0.0, 0.0, HEIGHT_M]))
     rays = camera.rays @ T.rotation.T
     z = np.full(rays.shape[:2], np.inf)

@@ -258,17 +258,17 @@ def grey(image: ArrayLike, camera: Camera, what: str) -> UInt8[np.ndarray, "h w"
     return np.asarray(cv2.cvtColor(values, cv2.COLOR_RGB2GRAY))
 
 
-def colour(image: ArrayLike, camera: Camera, what: str = "rgb") -> UInt8[np.ndarray, "h w 3"]:
+def colour(image: ArrayLike, camera: Camera) -> UInt8[np.ndarray, "h w 3"]:
     """A colour image.
 
     Raises:
         InputError: It is not uint8 of shape (h, w, 3), or not of the camera's size.
     """
     expected = "uint8, (rows, columns, 3), red first"
-    values = array(image, what, expected, "u", (3,))
+    values = array(image, "rgb", expected, "u", (3,))
     if values.dtype != np.uint8 or values.shape[2] != 3:
-        raise unfit(what, values, expected)
-    image_shape(values, camera, what)
+        raise unfit("rgb", values, expected)
+    image_shape(values, camera, "rgb")
     return np.ascontiguousarray(values)
 
 
@@ -338,15 +338,15 @@ def covariances(
     return found
 
 
-def radii(values: ArrayLike, count: int, what: str = "radii_m") -> Float[np.ndarray, "n"]:
+def radii(values: ArrayLike, count: int) -> Float[np.ndarray, "n"]:
     """One radius for all or one each, m, not negative.
 
     Raises:
         InputError: Otherwise.
     """
-    found = numbers(values, (count,), what, shared=True)
+    found = numbers(values, (count,), "radii_m", shared=True)
     if (np.asarray(values) < 0.0).any():
-        raise InputError(f"{what} holds {np.min(values):g}; expected no negative radius")
+        raise InputError(f"radii_m holds {np.min(values):g}; expected no negative radius")
     return found
 
 

@@ -52,25 +52,25 @@ def verdict(mean: float, low: float, high: float, dof: int) -> tuple[str, float]
     return IN_BAND, max(ratio, 1.0 / max(ratio, 1e-12))
 
 
-def conformal_radius(scores: Float[np.ndarray, "n"], share: float = SHARE) -> float:
-    """Radius that holds a new score with at least this probability, if the scores are exchangeable.
+def conformal_radius(scores: Float[np.ndarray, "n"]) -> float:
+    """Radius that holds a new score with probability `SHARE` at least, if the scores are exchangeable.
 
-    The ceil((n + 1) share)-th smallest score; infinite with too few of them.
+    The ceil((n + 1) SHARE)-th smallest score; infinite with too few of them.
     """
-    rank = math.ceil((len(scores) + 1) * share)
+    rank = math.ceil((len(scores) + 1) * SHARE)
     return float(np.sort(scores)[rank - 1]) if rank <= len(scores) else math.inf
 
 
-def coverage_sigma(fitted: int, tested: int, share: float = SHARE) -> float:
+def coverage_sigma(fitted: int, tested: int) -> float:
     """Standard deviation by chance of the coverage of a conformal region, for independent scores.
 
-    Both ends count: a radius fitted on n scores holds a share that scatters as Beta(n share, n (1 - share)), and m tested
+    Both ends count: a radius fitted on n scores holds a share that scatters as Beta(n SHARE, n (1 - SHARE)), and m tested
     scores scatter about that share.
     """
-    return math.sqrt(share * (1.0 - share) * (1.0 / fitted + 1.0 / tested))
+    return math.sqrt(SHARE * (1.0 - SHARE) * (1.0 / fitted + 1.0 / tested))
 
 
-def correlation_time(outside: Sequence[Bool[np.ndarray, "n"]], share: float = SHARE) -> float:
+def correlation_time(outside: Sequence[Bool[np.ndarray, "n"]]) -> float:
     """How many successive scores count as one independent score, for the coverage of a region; at least 1.
 
     1 + 2 sum rho(k), the autocorrelation of being outside, up to the first lag at which it is not positive. Failures
@@ -78,11 +78,10 @@ def correlation_time(outside: Sequence[Bool[np.ndarray, "n"]], share: float = SH
 
     Args:
         outside: Of each series, whether a score is outside its region, in order of time.
-        share: Of the region.
 
     Source: Geyer 1992, section 3.3 (initial positive sequence).
     """
-    away = [np.asarray(one, np.float64) - (1.0 - share) for one in outside]
+    away = [np.asarray(one, np.float64) - (1.0 - SHARE) for one in outside]
     variance = sum(float(one @ one) for one in away)
     found = 1.0
     for lag in range(1, max(map(len, away))):

@@ -55,18 +55,18 @@ def innovations(table: Table) -> list[Innovations]:
 
 
 def autocorrelation(
-    series: tuple[Float[np.ndarray, "_ 2"], ...], lags: int = LAGS
+    series: tuple[Float[np.ndarray, "_ 2"], ...],
 ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
     """Autocorrelation of the innovations over all series.
 
     Returns:
-        For lags 1 to `lags`, as far as there are 20 pairs: the correlation, and the bound that the magnitude
+        For lags 1 to `LAGS`, as far as there are 20 pairs: the correlation, and the bound that the magnitude
         for white innovations stays below with probability 95 %.
     """
     power = sum(float(np.sum(one**2)) for one in series)
     numbers = sum(one.size for one in series)
     values, bounds = [], []
-    for lag in range(1, lags + 1):
+    for lag in range(1, LAGS + 1):
         pairs = sum(one[lag:].size for one in series)
         if pairs < 20 or power == 0.0:
             break

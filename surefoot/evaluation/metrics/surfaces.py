@@ -60,12 +60,11 @@ def surface_metrics(
     return figures
 
 
-def read_surface(path: Path, seed: int = 0) -> Float[np.ndarray, "n 3"]:
+def read_surface(path: Path) -> Float[np.ndarray, "n 3"]:
     """Points of a mesh, sampled uniformly, or of a cloud, m.
 
     Args:
         path: Mesh or cloud in a format that Open3D reads (PLY, OBJ, STL, PCD, ...).
-        seed: Seed of the samples of a mesh.
 
     Raises:
         InputError: The file does not exist, or is neither a mesh nor a cloud.
@@ -90,6 +89,6 @@ def read_surface(path: Path, seed: int = 0) -> Float[np.ndarray, "n 3"]:
     mesh = o3d.geometry.TriangleMesh(
         o3d.utility.Vector3dVector(found.vertices), o3d.utility.Vector3iVector(found.triangles)
     )
-    o3d.utility.random.seed(seed)
+    o3d.utility.random.seed(0)
     count = int(min(max(mesh.get_surface_area() / SAMPLE_M**2, 1_000.0), 3_000_000.0))
     return np.asarray(mesh.sample_points_uniformly(count).points, dtype=np.float64)

@@ -93,11 +93,9 @@ def align(
     return Alignment(rotation, mean_reference - scale * rotation @ mean_estimate, scale)
 
 
-def alignment_of(
-    estimate: Trajectory, reference: Trajectory, max_difference_s: float = MAX_DIFFERENCE_S
-) -> Alignment | None:
+def alignment_of(estimate: Trajectory, reference: Trajectory) -> Alignment | None:
     """Rigid transform between two trajectories at matching stamps; None if it is not determined."""
-    mine, theirs = associate(estimate.stamps, reference.stamps, max_difference_s)
+    mine, theirs = associate(estimate.stamps, reference.stamps)
     return align(estimate.positions[mine], reference.positions[theirs])
 
 
@@ -167,9 +165,7 @@ def pick(trajectory: Trajectory, chosen: Int[np.ndarray, "k"]) -> Trajectory:
     )
 
 
-def trajectory_metrics(
-    estimate: Trajectory, reference: Trajectory, max_difference_s: float = MAX_DIFFERENCE_S
-) -> dict[str, float]:
+def trajectory_metrics(estimate: Trajectory, reference: Trajectory) -> dict[str, float]:
     """Figures of a trajectory against the truth; empty if no stamps match.
 
     Returns:
@@ -181,7 +177,7 @@ def trajectory_metrics(
         second: rpe_1s_m, rpe_1s_deg. Number of pairs: matched_poses. A figure whose alignment is not
         determined is absent.
     """
-    mine, theirs = associate(estimate.stamps, reference.stamps, max_difference_s)
+    mine, theirs = associate(estimate.stamps, reference.stamps)
     if len(mine) == 0:
         return {}
     estimate, reference = pick(estimate, mine), pick(reference, theirs)

@@ -29,14 +29,11 @@ class HumanoidWalk:
     """Result of one mission.
 
     Args:
-        steps, commands: Steps before a fall, and of the mission.
         fallen: Whether the robot fell.
         true, told: Motion of every step, from body pose to body pose, in truth and by odometry, (n, 3): m, m, rad.
         realtime_factor: Simulated time divided by computing time.
     """
 
-    steps: int
-    commands: int
     fallen: bool
     true: Float[np.ndarray, "n 3"]
     told: Float[np.ndarray, "n 3"]
@@ -92,7 +89,7 @@ def walk(
     rng = np.random.default_rng([seed, 62])
     description = catalogue.load(model)
     commands = mission(description.model.gait, ahead_m)
-    true, told, steps = [], [], 0
+    true, told = [], []
     with World(scene, "tiny", seed) as world, SimulatedRobot(world, config, seed) as robot:
         body = robot.body
         body.advance(body.ticks_left)
@@ -108,15 +105,12 @@ def walk(
                 moved = moved @ body.advance(min(20, body.ticks_left)).motion
             if body.fallen:
                 break
-            steps += 1
             true.append((before.inverse() @ body.true_pose).vector)
             told.append(moved.vector)
         seconds = (body.ticks - ticks) * robot.config.gait.tick_s
         factor = seconds / max(time.process_time() - began, 1e-9)
         fallen = body.fallen
     return HumanoidWalk(
-        steps,
-        len(commands),
         fallen,
         np.array(true).reshape(-1, 3),
         np.array(told).reshape(-1, 3),

@@ -64,12 +64,11 @@ class Event:
     """A break: when the alarm rang and the pose failed, counted from its first image; None: never.
 
     Args:
-        sequence, kind: Which recording, which break.
+        kind: Which break.
         alarm, failure: Numbers of the images.
         silent: Whether the odometry kept a pose when it failed.
     """
 
-    sequence: str
     kind: str
     alarm: int | None
     failure: int | None
@@ -122,18 +121,18 @@ def broken(one: Broken, rng: np.random.Generator) -> tuple[list[Event], list[Sho
                 given = spoil(frames[number : number + length], step_s, rng)
                 after = list(frames[number + length : number + length + AFTER])
                 shots = watch(copy.deepcopy(odometer), given + after)
-                events.append(_event(one.name, kind, clean[-WINDOW:], shots))
+                events.append(_event(kind, clean[-WINDOW:], shots))
         clean += watch(odometer, [frame])
     return events, clean
 
 
-def _event(name: str, kind: str, before: list[Shot], shots: list[Shot]) -> Event:
+def _event(kind: str, before: list[Shot], shots: list[Shot]) -> Event:
     whole, start = before + shots, len(before)
     failing = [n for n in range(len(shots)) if fails(whole, start + n)]
     ringing = [n for n, shot in enumerate(shots) if shot.alarm]
     first = failing[0] if failing else None
     silent = first is not None and shots[first].state not in (LOST, RESTARTED)
-    return Event(name, kind, ringing[0] if ringing else None, first, silent)
+    return Event(kind, ringing[0] if ringing else None, first, silent)
 
 
 def alarms(sequences: Iterable[Broken], rng: np.random.Generator, say: Say) -> Part:

@@ -35,7 +35,6 @@ def simulated_log(
     ranges: bool,
     seconds: float = 300.0,
     kidnapped: bool = False,
-    collinear: bool = False,
 ) -> SimulatedLog:
     """Draw a robot, its world and its log.
 
@@ -44,16 +43,13 @@ def simulated_log(
         ranges: Radio beacons; else tags in the view of a camera.
         seconds: Duration.
         kidnapped: Half-way somebody turns the robot round and carries it across the arena.
-        collinear: All beacons on a line, along which the robot drives.
     """
     rng = np.random.default_rng(seed)
     size = float(np.exp(rng.uniform(math.log(6.0), math.log(60.0))))
     speed = size / rng.uniform(20.0, 60.0)
     count = int(rng.integers(4, 9)) if ranges else int(rng.integers(10, 21))
     places = rng.uniform(-0.5, 0.5, (count, 2)) * size
-    if collinear:
-        places[:, 1] = 0.0
-    truth, told = _drive(rng, size, speed, round(seconds / DT), kidnapped, collinear)
+    truth, told = _drive(rng, size, speed, round(seconds / DT), kidnapped)
     seen_s, marks, seen = _sightings(rng, truth, places, ranges, size)
     log = PlanarLog(
         truth[:, 0].copy(),
@@ -67,7 +63,7 @@ def simulated_log(
 
 
 def _drive(
-    rng: np.random.Generator, size: float, speed: float, count: int, kidnapped: bool, straight: bool
+    rng: np.random.Generator, size: float, speed: float, count: int, kidnapped: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """True poses (n, 4), and path and turn of each step as odometry tells them (n, 2)."""
     wheel, turning = 1.0 + rng.uniform(-0.08, 0.08, 2)
@@ -75,17 +71,12 @@ def _drive(
     path_noise, turn_noise = np.exp(rng.uniform(np.log([0.01, 0.002]), np.log([0.05, 0.02])))
     slip_memory = 20.0
     pose = np.array([*(rng.uniform(-0.2, 0.2, 2) * size), rng.uniform(-math.pi, math.pi)])
-    if straight:
-        pose = np.array([-0.45 * size, 0.03 * size, 0.0])
     truth, told, slip, bend = [[0.0, *pose]], [[0.0, 0.0]], 0.0, 0.0
     for k in range(1, count):
         bend = 0.98 * bend + 0.1 * rng.normal() * speed / size
         home = math.remainder(math.atan2(-pose[1], -pose[0]) - pose[2], 2.0 * math.pi)
         far = float(np.hypot(*pose[:2])) > 0.35 * size
         turn = DT * (8.0 * speed / size * math.sin(home / 2.0) if far else 3.0 * bend)
-        if straight:
-            turn, speed = 0.0, speed if abs(pose[0]) < 0.46 * size else -speed
-            pose[0] = np.clip(pose[0], -0.459 * size, 0.459 * size)
         path = speed * DT
         slip += -slip * DT / slip_memory + 0.01 * math.sqrt(2.0 * DT / slip_memory) * rng.normal()
         told.append(

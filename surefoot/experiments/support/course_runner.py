@@ -100,9 +100,9 @@ def published(config: Config, mode: str = "seed") -> Config:
     )
 
 
-def image_config(scene: str, seed: int, config: Config | None = None) -> Config:
+def image_config(scene: str, seed: int) -> Config:
     """Configuration of a walk from images: time of flight for the map, colour for obstacles and tags."""
-    one = course_config(scene, seed, config)
+    one = course_config(scene, seed)
     return replace(
         one,
         robot=replace(one.robot, tof=True, colour=True),

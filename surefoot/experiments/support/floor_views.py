@@ -145,15 +145,14 @@ class SensorViews:
     range_height: Float[np.ndarray, "i j"]
 
 
-def render(number: int, height_m: tuple[float, float] = (0.30, 0.60)) -> SensorViews:
+def render(number: int) -> SensorViews:
     """Simulate one view with stereo and time of flight.
 
     Args:
         number: Seed of camera pose, floor, boxes and noise.
-        height_m: Least and greatest height of the camera.
     """
     rng = np.random.default_rng([number, 31])
-    view = random_view(rng, height_m, (15.0, 40.0))
+    view = random_view(rng, (0.30, 0.60), (15.0, 40.0))
     scene = scene_with_boxes(view, number, rng)
     with World(scene) as world:
         left, right = stereo_pair(world, PAIR, BASELINE_M, view.T_world_camera, rng)

@@ -53,7 +53,6 @@ class Stairs:
         riser_m, tread_m, steps: Rise and going of a step, number of risers.
         direction: Unit vector in which it rises, camera frame, horizontal.
         first_edge: A point on the nearest edge, camera frame, m.
-        closed: Whether it has risers.
     """
 
     riser_m: float
@@ -61,7 +60,6 @@ class Stairs:
     steps: int
     direction: Float[np.ndarray, "3"]
     first_edge: Float[np.ndarray, "3"]
-    closed: bool
 
 
 @dataclass(frozen=True)
@@ -144,7 +142,7 @@ def draw(seed: int, kind: str) -> StairView:
     if kind in ("up", "down"):
         rises = np.array([1.0 if kind == "up" else -1.0, 0.0, 0.0])
         edge = np.array([away, 0.0, riser if kind == "up" else stand])
-        truth = Stairs(riser, tread, steps, T.rotation.T @ rises, T.inverse().apply(edge), closed)
+        truth = Stairs(riser, tread, steps, T.rotation.T @ rises, T.inverse().apply(edge))
     return StairView(
         kind, scene, T, prior, ground, away, truth, slope if kind.startswith("ramp") else 0.0
     )

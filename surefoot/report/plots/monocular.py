@@ -8,6 +8,8 @@ from jaxtyping import UInt8
 
 from perception.monocular.result import MonocularResult
 
+SIDE_PX = 360
+
 
 def panes(
     result: MonocularResult, chosen_px: tuple[int, int] | None = None
@@ -60,13 +62,13 @@ def panes(
 
 
 def stages(
-    result: MonocularResult, side_px: int = 360, chosen_px: tuple[int, int] | None = None
+    result: MonocularResult, chosen_px: tuple[int, int] | None = None
 ) -> UInt8[np.ndarray, "h w 3"]:
     """The eight panes of a cycle as one image, in two rows."""
     shown = []
     for title, image in panes(result, chosen_px):
-        pane = cv2.resize(image, (side_px, side_px * image.shape[0] // image.shape[1]))
-        cv2.rectangle(pane, (0, 0), (side_px // 2, 24), (255, 255, 255), -1)
+        pane = cv2.resize(image, (SIDE_PX, SIDE_PX * image.shape[0] // image.shape[1]))
+        cv2.rectangle(pane, (0, 0), (SIDE_PX // 2, 24), (255, 255, 255), -1)
         cv2.putText(pane, title, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (0, 0, 0), 1, cv2.LINE_AA)
         shown.append(cv2.copyMakeBorder(pane, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=(90, 90, 90)))
     return np.asarray(np.vstack([np.hstack(shown[:4]), np.hstack(shown[4:])]), dtype=np.uint8)

@@ -134,10 +134,10 @@ def svg(figure: Figure) -> bytes:
     return data.getvalue()
 
 
-def png(figure: Figure, dpi: int = 160) -> bytes:
+def png(figure: Figure) -> bytes:
     """The figure as PNG."""
     data = io.BytesIO()
-    figure.savefig(data, format="png", dpi=dpi)
+    figure.savefig(data, format="png", dpi=160)
     return data.getvalue()
 
 

@@ -251,7 +251,7 @@ def test_a_wall_is_one_long_cluster():
     rng = np.random.default_rng(4)
     points, sigma = see_box((2.0, 2.1), (-2.0, 2.0), 0.5, rng)
     (found,) = cluster(points, sigma, SENSOR)
-    assert found.length_m > 1.8
+    assert found.footprint.length_m > 1.8
     assert found.radius_m > 0.9
 
 
