@@ -168,6 +168,14 @@ class Pose3:
         """Map points (..., 3), m, from the frame of the pose to its parent frame."""
         return np.asarray(points @ self.rotation.T + self.position)
 
+    def flattened(self) -> Pose2:
+        """Projection on the floor: x, y and the heading of the x axis."""
+        return Pose2(
+            self.translation[0],
+            self.translation[1],
+            math.atan2(self.rotation[1, 0], self.rotation[0, 0]),
+        )
+
 
 CAMERA_IN_BODY_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """R_opt of seed 000: camera axes (right, down, ahead) in body axes (ahead, left, up)."""

@@ -132,7 +132,7 @@ class LevelPipeline:
             report = self.pose_source.update(frame, ())
             self._walked = self._walked @ before.inverse() @ self.pose_source.pose2
             if missed:
-                self._stood = self._walked @ _flat(feet.sole(self._levels.foot))
+                self._stood = self._walked @ feet.sole(self._levels.foot).flattened()
         registration: RegistrationReport | None = None
         views: tuple[LevelView, ...] = ()
         self._steps += 0.0 if frame.odometry is None else frame.odometry.steps
@@ -147,7 +147,7 @@ class LevelPipeline:
                     self._levels,
                     surfaces=self._ground.surfaces,
                     voxels=self._obstacles.voxels,
-                    stands=self.pose_source.pose2 @ _flat(foot),
+                    stands=self.pose_source.pose2 @ foot.flattened(),
                 )
         body_m = self._height(feet)
         self._levels = replace(self._levels, body_m=body_m, views=views)
@@ -178,7 +178,7 @@ class LevelPipeline:
         foot = self._levels.foot
         motion = before.sole(foot) @ feet.sole(foot).inverse()
         steps = float(_moved(before, feet))
-        odometry = StepOdometry(_flat(motion), steps, float(motion.translation[2]))
+        odometry = StepOdometry(motion.flattened(), steps, float(motion.translation[2]))
         imu = None if gap else frame.imu  # that of a part of the time would contradict the feet
         return replace(frame, odometry=odometry, imu=imu)
 
@@ -203,7 +203,7 @@ class LevelPipeline:
         landed = self._steps > 0.5 or (self._landed is not None and _moved(self._landed, feet))
         now, self._landed = -levels.foot if landed else levels.foot, feet
         there = feet.sole(now)
-        stands = self._walked @ _flat(there)
+        stands = self._walked @ there.flattened()
         if self._stood is None:
             self._stood = stands
         elif now != levels.foot:
@@ -269,9 +269,3 @@ def _moved(before: FeetReading, now: FeetReading) -> bool:
 def make_pipeline(config: Config, info: RecordingInfo) -> Pipeline | LevelPipeline:
     """The pipeline for the ground of a recording or a live run."""
     return LevelPipeline(config, info) if info.levels else Pipeline(config, info)
-
-
-def _flat(pose: Pose3) -> Pose2:
-    """A level pose without its height."""
-    r = pose.rotation
-    return Pose2(pose.translation[0], pose.translation[1], math.atan2(r[1, 0], r[0, 0]))

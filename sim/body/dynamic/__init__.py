@@ -3,7 +3,7 @@
 Read in this order: `anatomy` (lengths and masses), `legs` (inverse and forward kinematics), `balance` (attitude
 estimate, ankle feedback, landing), `capture` and `hip_strategy` (recovery from pushes), `physics` (what the body asks
 of an engine), `urdf` and `pybullet_engine`, `mjcf` and `mujoco_engine` (the same body in two engines), `engines`
-(these by name), `odometry` (foot to foot, by encoders), `config` and `walker` (the body).
+(these by name), `odometry` (foot to foot, by encoders), `servo_body` (what it shares with described robots), `config` and `walker` (the body).
 
 The footsteps come from `sim.body.gait`, as for the kinematic body.
 

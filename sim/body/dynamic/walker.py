@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from perception.primitives.frame import Imu
 from perception.primitives.pose import Pose2, Pose3, times
 from planning.commands import WalkCommand
 
@@ -22,8 +21,7 @@ from ...ground import Ground
 from ...scene import Scene
 from ...shapes import Box, Shape
 from ...world import World
-from ..body import Advance
-from ..gait import Gait, GaitConfig, Step
+from ..gait import Gait, GaitConfig
 from ..head import Head
 from ..inertial import ImuConfig
 from ._legs_kernels import apply_backlash
@@ -34,19 +32,19 @@ from .config import DynamicConfig
 from .engines import begin
 from .hip_strategy import HipStrategy
 from .legs import Legs, tilt_rotation
-from .odometry import Footprints, FootToFootOdometry, body_between_feet
+from .odometry import Footprints, body_between_feet
 from .physics import Stage
 from .sensing import TrunkSensor
+from .servo_body import ServoBody
 from .urdf import floor_bumps
 
-SETTLE_S = 1.0  # ours: standing before the start
 NECK = ("pan", "tilt")
 TOP_M = 1.0  # ours: higher objects cannot be touched
 FALLEN = math.cos(math.radians(50.0))  # ours: tilt beyond which the body has fallen
 BUMP_M = 0.005  # ours: lower steps are left to the control of the landing, as on bumps
 
 
-class DynamicBody:
+class DynamicBody(ServoBody):
     """Walks by footsteps from a start pose; the members of `Body` are documented there."""
 
     def __init__(
@@ -113,56 +111,14 @@ class DynamicBody:
         self._capture = CapturePoint(config.balance, gait.com_height_m, self._scale)
         self._hips = HipStrategy(config.balance, tick_s, self._scale)
         self._encoders = self._rounded(self._angles)
-        self._command: WalkCommand | None = None
         self._push: tuple[np.ndarray, int] = (np.zeros(3), 0)
-        self.fallen = False
-        self._ticks = -round(SETTLE_S / tick_s)
         self._last = np.append(self._angles, [0.0, 0.0])
-        self._tick = 0
         self._pelvis = np.array([[0.0, 0.0, body.hip_m, 0.0]])
-        self._odometry = FootToFootOdometry(self._footprints)
-        self._begin_step()
-        while self._ticks < 0:
-            self.start_due_step()
-            self._advance_tick()
-        self._odometry = FootToFootOdometry(self._footprints)
-        self._begin_step()
-
-    def walk(self, command: WalkCommand) -> None:
-        self._command = command
+        self._settle()
 
     def push(self, force: Float[np.ndarray, "3"], seconds: float) -> None:
         """Apply a force at the pelvis from now on, world axes, N."""
         self._push = (force, round(seconds / self._tick_s))
-
-    def start_due_step(self) -> None:
-        if self._tick == self._step.ticks:
-            self._begin_step()
-
-    @property
-    def ticks_left(self) -> int:
-        return self._step.ticks - self._tick
-
-    @property
-    def ticks(self) -> int:
-        return self._ticks
-
-    def advance(self, ticks: int) -> Advance:
-        """Simulate some ticks of the planned gait; waiting for a late landing adds time."""
-        before, steps, began = self._odometry.body(self._footprints), 0.0, self._ticks
-        low_m, _ = self._planned_m
-        moving_bodies = self._world.body_states()
-        while ticks > 0:
-            self.start_due_step()
-            late = (self._ticks + 1 - began) * self._tick_s
-            self.physics.place([(x + vx * late, y + vy * late) for x, y, vx, vy in moving_bodies])
-            tick, done = self._tick, self._done
-            self._advance_tick()
-            ticks -= self._tick - tick
-            steps += self._done - done
-        motion = before.inverse() @ self._odometry.body(self._footprints)
-        seconds = (self._ticks - began) * self._tick_s
-        return Advance(motion, steps, seconds, self._planned_m[0] - low_m)
 
     def trunk_from_encoders(self) -> Pose3:
         """Pelvis in the body frame as the robot estimates it, lowered by its height while walking.
@@ -183,12 +139,6 @@ class DynamicBody:
         place = pelvis.lifted().translation + np.array([sole.x, sole.y, self._standing_m])
         return Pose3.from_rotation(level, place + times(leaning, hip - foot) - times(level, hip))
 
-    def feet_from_encoders(self) -> tuple[tuple[Pose2, bool], tuple[Pose2, bool]]:
-        """Left and right foot in the body frame as the robot estimates them; lifted by plan."""
-        left, right = self._footprints
-        pelvis = self._odometry.pelvis((left, right))
-        return (pelvis @ left, self.swinging > 0), (pelvis @ right, self.swinging < 0)
-
     @property
     def up(self) -> tuple[float, float, float]:
         return self.config.up
@@ -199,17 +149,11 @@ class DynamicBody:
         return self._step.stepping
 
     @property
-    def swinging(self) -> int:
-        """Foot in the air by plan, +1 left, -1 right, 0 none."""
-        in_air = self._step.stepping and self._tick > self._step.double_support_ticks
-        return self._step.swing if in_air else 0
-
-    @property
     def true_pose(self) -> Pose2:
         left, right = (
-            _below(self.physics.link(f"{side}_ankle_roll")) for side in ("left", "right")
+            self.physics.link(f"{side}_ankle_roll").flattened() for side in ("left", "right")
         )
-        return body_between_feet(left, right, _below(self.physics.pelvis()).yaw)
+        return body_between_feet(left, right, self.physics.pelvis().flattened().yaw)
 
     @property
     def true_height_m(self) -> float:
@@ -224,6 +168,10 @@ class DynamicBody:
         left_m, right_m = self._legs.heights(self._encoders, self._hips.bend)
         standing_m = left_m if self._odometry.standing > 0 else right_m
         return left_m - standing_m + self._standing_m, right_m - standing_m + self._standing_m
+
+    @property
+    def _body_m(self) -> float:
+        return self._planned_m[0]
 
     @property
     def _planned_m(self) -> tuple[float, float]:
@@ -244,19 +192,9 @@ class DynamicBody:
         x, y, z = trunk.translation
         return replace(trunk, translation=(x, y, z - self.true_height_m))
 
-    def steady_trunk(self) -> Pose3:
-        """The same: this trunk moves continuously."""
-        return self.true_trunk()
-
     def head_pose(self) -> Pose3:
         """True head in the world, at the tilt joint."""
         return self.physics.link("tilt")
-
-    @property
-    def planned_pose(self) -> Pose2:
-        """Body pose in the gait's own dead reckoning: the commanded motion."""
-        x, y, yaw = (float(v) for v in self._step.body[max(self._tick - 1, 0)])
-        return Pose2(x, y, yaw)
 
     @property
     def feet_body(self) -> tuple[tuple[Pose2, float], tuple[Pose2, float]]:
@@ -264,25 +202,20 @@ class DynamicBody:
         ankle = self.config.body.ankle_m
         left, right = (self.physics.link(f"{side}_ankle_roll") for side in ("left", "right"))
         return (
-            (inverse @ _below(left), max(left.translation[2] - ankle, 0.0) - self.true_height_m),
-            (inverse @ _below(right), max(right.translation[2] - ankle, 0.0) - self.true_height_m),
+            (
+                inverse @ left.flattened(),
+                max(left.translation[2] - ankle, 0.0) - self.true_height_m,
+            ),
+            (
+                inverse @ right.flattened(),
+                max(right.translation[2] - ankle, 0.0) - self.true_height_m,
+            ),
         )
-
-    def measure_imu(self) -> Imu:
-        return self._sensor.measure()
-
-    def close(self) -> None:
-        self.physics.close()
 
     @property
     def _footprints(self) -> Footprints:
         """Left and right foot as the robot estimates them, from a level pelvis."""
         return self._legs.footprints(self._encoders, self._hips.bend)
-
-    @property
-    def _done(self) -> float:
-        """Planned share of the step's motion completed by now."""
-        return float(self._step.progress[self._tick - 1]) if self._tick > 0 else 0.0
 
     def _begin_step(self) -> None:
         self._walking = self._tick > 0 and self._step.stepping
@@ -290,7 +223,7 @@ class DynamicBody:
         command = self._command or WalkCommand()
         if abs(command.rise_m) < BUMP_M * self._scale:
             command = replace(command, rise_m=0.0)
-        self._step: Step = self._gait.step(command, extension)
+        self._step = self._gait.step(command, extension)
         self._command = None
         self._tick = 0
         before_m = float(self._pelvis[-1, 2])
@@ -358,10 +291,7 @@ class DynamicBody:
         self._encoders = self._rounded((motor - self._offset)[:12])
         pan, tilt = (found - self._wanted)[12:].tolist()
         self._head.set_deflection((pan, tilt), tuple((motor - self._wanted)[12:].tolist()))
-        step = self._step
-        shifted = step.stepping and 2 * tick >= step.double_support_ticks
-        if shifted and self._odometry.standing != -step.swing:
-            self._odometry.set_stance(self._footprints, -step.swing)
+        self._shift_weight(tick)
         self._sensor.sense(tick, self.physics.imu_reading())
         if tilt_rotation(self._attitude.tilt - self._hips.bend)[2, 2] < FALLEN:
             self.fallen = True
@@ -386,10 +316,3 @@ def _turned(yaw: float) -> Float[np.ndarray, "2 2"]:
     """Rotation from body axes to the axes of the plan."""
     c, s = math.cos(yaw), math.sin(yaw)
     return np.array([[c, -s], [s, c]])
-
-
-def _below(pose: Pose3) -> Pose2:
-    """Projection of a pose on the floor."""
-    x, y, _ = pose.translation
-    ahead = pose.rotation[:, 0]
-    return Pose2(x, y, math.atan2(ahead[1], ahead[0]))

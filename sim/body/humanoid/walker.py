@@ -16,23 +16,22 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from perception.primitives.frame import Imu
 from perception.primitives.pose import Pose2, Pose3, times
 from planning.commands import WalkCommand
 
 from ...robots.description import Dynamic
 from ...world import World
-from ..body import Advance
 from ..dynamic.balance import AnkleFeedback, LandingControl, Touch
 from ..dynamic.config import DynamicConfig
 from ..dynamic.engines import begin
 from ..dynamic.legs import tilt_rotation
-from ..dynamic.odometry import Footprints, FootToFootOdometry, body_between_feet
+from ..dynamic.odometry import Footprints, body_between_feet
 from ..dynamic.physics import Stage
 from ..dynamic.sensing import TrunkSensor
+from ..dynamic.servo_body import ServoBody
 from ..dynamic.urdf import floor_bumps
-from ..dynamic.walker import FALLEN, SETTLE_S, TOP_M, still_parts
-from ..gait import Gait, GaitConfig, Step
+from ..dynamic.walker import FALLEN, TOP_M, still_parts
+from ..gait import Gait, GaitConfig
 from ..inertial import ImuConfig
 from ..jointed import JointedHead
 from ..pendulum import GRAVITY_MPS2
@@ -48,7 +47,7 @@ LOAD_MEMORY = 0.6  # ours: share of the last forces kept in each tick
 NARROWEST_M = 0.1  # ours: stance relative to which a capture point is off, at least
 
 
-class HumanoidBody:
+class HumanoidBody(ServoBody):
     """Walks by footsteps from a start pose; the members of `Body` are documented there."""
 
     def __init__(
@@ -112,61 +111,14 @@ class HumanoidBody:
         self._encoders = head.read(self._angles)
         self._loads = np.zeros(2)
         self._last = self._angles.copy()
-        self._command: WalkCommand | None = None
         self._forward_m = 0.0
-        self.fallen = False
-        self._ticks = -round(SETTLE_S / tick_s)
-        self._tick = 0
         self._walking = False
-        self._odometry = FootToFootOdometry(self._footprints)
-        self._begin_step()
-        while self._ticks < 0:
-            self.start_due_step()
-            self._advance_tick()
-        self._odometry = FootToFootOdometry(self._footprints)
-        self._begin_step()
-
-    def walk(self, command: WalkCommand) -> None:
-        self._command = command
-
-    def start_due_step(self) -> None:
-        if self._tick == self._step.ticks:
-            self._begin_step()
-
-    @property
-    def ticks_left(self) -> int:
-        return self._step.ticks - self._tick
+        self._settle()
 
     @property
     def shift_ticks_left(self) -> int:
         """Ticks by which the double support of a step out of standing is still longer than commanded."""
         return max(self._step.double_support_ticks - self._double_ticks - self._tick, 0)
-
-    @property
-    def ticks(self) -> int:
-        return self._ticks
-
-    def advance(self, ticks: int) -> Advance:
-        """Simulate some ticks of the planned gait; waiting for a late landing adds time."""
-        before, steps, began = self._odometry.body(self._footprints), 0.0, self._ticks
-        moving_bodies = self._world.body_states()
-        while ticks > 0:
-            self.start_due_step()
-            late = (self._ticks + 1 - began) * self._tick_s
-            self.physics.place([(x + vx * late, y + vy * late) for x, y, vx, vy in moving_bodies])
-            tick, done = self._tick, self._done
-            self._advance_tick()
-            ticks -= self._tick - tick
-            steps += self._done - done
-        motion = before.inverse() @ self._odometry.body(self._footprints)
-        return Advance(motion, steps, (self._ticks - began) * self._tick_s)
-
-    def measure_imu(self) -> Imu:
-        """Means since the previous call, in level axes of the sensor's own attitude estimate."""
-        return self._sensor.measure()
-
-    def close(self) -> None:
-        self.physics.close()
 
     @property
     def encoders(self) -> Float[np.ndarray, "n"]:
@@ -177,12 +129,6 @@ class HumanoidBody:
     def joints(self) -> Float[np.ndarray, "n"]:
         """True angles of all joints, rad."""
         return self._found
-
-    @property
-    def swinging(self) -> int:
-        """Foot in the air by plan, +1 left, -1 right, 0 none."""
-        in_air = self._step.stepping and self._tick > self._step.double_support_ticks
-        return self._step.swing if in_air else 0
 
     @property
     def true_pose(self) -> Pose2:
@@ -202,12 +148,6 @@ class HumanoidBody:
             for sole in self._true_soles()
         )
         return left, right
-
-    def feet_from_encoders(self) -> tuple[tuple[Pose2, bool], tuple[Pose2, bool]]:
-        """Left and right foot in the body frame as the robot estimates them; lifted by plan."""
-        left, right = self._footprints
-        pelvis = self._odometry.pelvis((left, right))
-        return (pelvis @ left, self.swinging > 0), (pelvis @ right, self.swinging < 0)
 
     def foot_heights(self) -> tuple[float, float]:
         left_m, right_m = (sole.translation[2] for sole in self.tree.soles(self._encoders))
@@ -231,26 +171,11 @@ class HumanoidBody:
         pelvis = self.true_pose.inverse().lifted() @ self.physics.pelvis()
         return pelvis @ Pose3((0.0, 0.0, -self.tree.hip_m))
 
-    def steady_trunk(self) -> Pose3:
-        """The same: this trunk moves continuously."""
-        return self.true_trunk()
-
-    @property
-    def planned_pose(self) -> Pose2:
-        """Body pose in the gait's own dead reckoning: the commanded motion."""
-        x, y, yaw = (float(v) for v in self._step.body[max(self._tick - 1, 0)])
-        return Pose2(x, y, yaw)
-
     @property
     def _footprints(self) -> Footprints:
         """Left and right sole by the encoders, below a level pelvis."""
         left, right = self.tree.soles(self._encoders)
         return footprint(left), footprint(right)
-
-    @property
-    def _done(self) -> float:
-        """Planned share of the step's motion completed by now."""
-        return float(self._step.progress[self._tick - 1]) if self._tick > 0 else 0.0
 
     def _true_soles(self) -> list[Pose3]:
         return [
@@ -265,7 +190,7 @@ class HumanoidBody:
         ahead_m = min(wanted.forward_m, self._walk.step_m)
         forward_m = before_m + min(max(ahead_m - before_m, -slew_m), slew_m)
         command = replace(wanted, forward_m=0.0 if wanted.stay else forward_m, rise_m=0.0)
-        self._step: Step = self._gait.step(command)
+        self._step = self._gait.step(command)
         self._double_ticks = round(command.double_support_s / self._tick_s)
         self._forward_m = forward_m if self._step.stepping else 0.0
         ahead = copy.copy(self._gait)
@@ -333,10 +258,7 @@ class HumanoidBody:
         motors = self._found - self._head.offsets
         self._encoders = self._head.read(motors)
         self._head.set_motors(motors)
-        step = self._step
-        shifted = step.stepping and 2 * tick >= step.double_support_ticks
-        if shifted and self._odometry.standing != -step.swing:
-            self._odometry.set_stance(self._footprints, -step.swing)
+        self._shift_weight(tick)
         self._sensor.sense(tick, self.physics.imu_reading())
         if tilt_rotation(self._sensor.attitude.tilt)[2, 2] < FALLEN:
             self.fallen = True

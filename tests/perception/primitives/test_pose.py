@@ -63,6 +63,7 @@ def test_composed_floor_poses_map_a_point_one_after_the_other(a, b, x, y):
 @given(poses2, poses2)
 def test_lifted_floor_poses_compose_as_on_the_floor(a, b):
     assert same3((a @ b).lifted(), a.lifted() @ b.lifted())
+    assert same2((a.lifted() @ b.lifted()).flattened(), a @ b)
 
 
 @given(rigid(), rigid(), rigid())
