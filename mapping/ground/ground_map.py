@@ -43,10 +43,9 @@ VAGUE_M = 0.08  # ours: a side known less well says nothing
 COVERED = 0.5  # ours: share of the cells of a surface that another one takes over
 LEAST_M2 = 0.01  # ours: of a new surface; a foot has 0.02
 BEYOND_M, BEYOND_SIGMAS = 0.03, 3.0  # ours: an image that sees farther than a cell saw through it
-STAND_RADIUS_M = 0.12  # ours: of the disc below the feet, half the width of a stance
-STAND_APART_M = (
-    0.3  # ours: from it to the surface that it is part of, which the camera does not see
-)
+STAND_RADIUS_M = 0.12  # ours: radius of the disc below the feet, half the width of a stance
+STAND_APART_M = 0.3
+"""Ours: largest distance from that disc to the surface to which it belongs; the camera does not see between."""
 
 
 @dataclass(eq=False)

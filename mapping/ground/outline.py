@@ -29,11 +29,9 @@ ROUND_CELLS = 1.0  # ours: by how much corners may be simplified
 NEAR_M = 0.035  # ours: a stretch of the contour, in the mean within this of a side, is part of it
 SLANT = 0.5  # ours: sine of the angle of a stretch that is not
 CORNER_M = 0.12  # ours: sides are prolonged to a common corner this far
-OUTVOTED, SHARED, ALONG = (
-    4,
-    0.5,
-    math.cos(math.radians(15.0)),
-)  # ours: as many times more images; share of the length; cosine between sides beside each other
+OUTVOTED, SHARED, ALONG = 4, 0.5, math.cos(math.radians(15.0))
+"""Ours: a side is dropped beside one of at least `OUTVOTED` times as many images, which covers `SHARED` of its length and
+has its direction (cosine `ALONG`)."""
 SMALL_M2 = 0.004  # ours: specks and holes below half a foot's width squared
 SUBPIXEL = 4  # bits
 

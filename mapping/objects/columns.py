@@ -23,9 +23,8 @@ from scipy.spatial import cKDTree
 CELL_M = 0.02  # ours: side of a column, that of the cloud's voxels
 FRINGE_M = 0.05  # ours: distance of outlier voxels from a face
 FRINGE = 0.25  # ours: columns with a smaller share of a neighbour's voxels are its fringe
-UPRIGHT_M = (
-    0.06  # ours: a column at least this high, or half as high as the obstacle, is part of a face
-)
+UPRIGHT_M = 0.06
+"""Ours: a column at least this high, or half as high as the obstacle, is part of a face."""
 
 
 Kind = TypeVar("Kind", bound="Seen")

@@ -31,9 +31,8 @@ from .sides import EDGE_SIGMA_M, Box, box_of, sides_of
 
 SKIRT = 0.3  # ours: columns lower than this share of the obstacle's height are its skirt
 LEAST_NEIGHBOURS = 4  # ours: voxels with fewer neighbours within the gap are outliers
-LEAST_STAY = (
-    0.45  # ours: half of the frames, less some that miss it; what was seen in fewer came or went
-)
+LEAST_STAY = 0.45
+"""Ours: share of frames that see a static voxel; some miss it, so less than half. Others came or went."""
 HEIGHT_SIGMA_M = 0.01  # ours: of the top of an obstacle, half a voxel
 MOST_GAP_M = 5.0  # ours: all points within it are compared
 

@@ -8,10 +8,8 @@ from ..primitives.compiled import njit
 from ._block_matching_kernels import NEVER, SIDE
 
 NO_DISPARITY = np.int16(-8000)  # in sixteenths of a pixel; agrees with no neighbour
-NEAR_VOTES, FAR_VOTES = (
-    np.int16(3),
-    np.int16(1),
-)  # near neighbours are more often on the same surface
+NEAR_VOTES, FAR_VOTES = np.int16(3), np.int16(1)
+"""Weight of near and far neighbours; near ones are more often on the same surface."""
 REACH = 10  # px, to the farthest neighbours that vote
 LEAST_PX = np.float32(2.0)  # ours: below, a quarter of a pixel is an eighth of the depth
 SAME_PX = np.float32(1.0)  # ours: neighbours whose disparities differ by less agree

@@ -29,9 +29,8 @@ NEAR_M = 0.02  # ours: what is nearer to the plane of the lens is not in the pic
 ROUNDED_PX = 0.5  # OpenCV's corners are whole pixels
 FARTHEST_PX = 30_000.0  # OpenCV's coordinates have 16 bits
 PIECES = 33  # ours: of an edge; straight to 0.1 px in an image 640 px wide
-BESIDE = (
-    1.1  # ours: times the slope of the outermost pixel; a part beside the image still mixes into it
-)
+BESIDE = 1.1
+"""Ours: parts of the body are drawn to this multiple of the image's border, since their blur reaches into it."""
 INSIDE = 1.0 - 1e-6  # ours: single precision stays within the largest slope
 FIELD_CORNERS = 128  # ours: the circle to 0.03 %
 CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])

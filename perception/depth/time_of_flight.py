@@ -24,9 +24,8 @@ from .phase_unwrapping import wrapped
 
 SIGMA_AT_M = 1.3  # range at which `sigma_m` holds: the published SR-4000 test
 LEAST_AMPLITUDE = 0.03  # ours: a weaker return has no range; share of white_amplitude
-GRAZE_DEG = (
-    3.0  # ours: steeper jumps are edges; a 0.4 m high camera sees the floor at 3 m under 7.6 deg
-)
+GRAZE_DEG = 3.0
+"""Ours: surfaces seen at a smaller angle count as edges; a camera 0.4 m high sees the floor at 3 m at 7.6 deg."""
 OFF_SIGMAS = 3.0  # ours: distance of a flying pixel from both of its neighbours
 
 

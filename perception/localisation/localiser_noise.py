@@ -42,9 +42,8 @@ DRIFT_WALK_RAD = math.radians(0.005)  # ours: change of the drift per step, almo
 GYRO_BIAS_SIGMA_RADPS = 0.005  # consumer MEMS gyro, at switch-on
 GYRO_BIAS_WALK_RADPS = 0.00003  # ours: per square root of a second
 RANGE_WALK = 0.1  # ours: per square root of a second; other tags have another offset
-NO_ODOMETRY_MPS = (
-    0.10  # ours: without odometry the robot may walk on; steps of 0.08 m in 0.65 s at most
-)
+NO_ODOMETRY_MPS = 0.10
+"""Ours: speed of a robot that may walk on without odometry; steps have 0.08 m in 0.65 s at most."""
 NO_ODOMETRY_RADPS = 0.22  # ours: likewise turn on; any rate up to that of turning steps, 0.37 rad/s
 
 

@@ -12,10 +12,8 @@ from __future__ import annotations
 
 import math
 
-PRIOR, MEMORY = (
-    15,
-    60,
-)  # ours: innovations that the configured noise counts for; that the mean reaches back
+PRIOR, MEMORY = 15, 60
+"""Ours: number of innovations as which the configured noise counts, and over which the mean is formed."""
 LARGEST_NIS = 10.0  # ours: an outlier says no more than this
 LEAST, MOST = 0.5, 3.0  # ours: bounds of the factor; too large a noise is safer than too small
 

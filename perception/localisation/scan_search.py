@@ -31,11 +31,10 @@ ARM_M = 0.7  # ours: a turn by one step moves a point at this distance by a cell
 NEAR_CELLS = 2.4  # ours: a point farther from a surface does not lie on it
 SECTORS = 12  # ours: directions of surfaces, 30 deg each
 POINTS = 60  # ours: of the scan, which are compared
-EVIDENCE = 25.0  # ours: what a scan says, in independent points
+EVIDENCE = 25.0  # ours: number of independent points as which a scan counts
 LEAST_NEARNESS = 0.4  # ours: mean over the points; lower in a place that the map lacks
-KNOWN_SHARE = (
-    0.5  # ours: of the points; with fewer in known cells a place is one that the map lacks
-)
+KNOWN_SHARE = 0.5
+"""Ours: least share of the points in known cells; with fewer the place is not in the map."""
 SAME_CELLS = np.array([6.0, 6.0, 3.0])
 """Ours: from poses as near as this, in x, y and turn, registration comes to the same."""
 ALIKE = 0.3  # ours: a place that the map lacks looks like one of it by chance; per what it is less likely to fit here

@@ -23,9 +23,8 @@ from ..primitives.pose import Pose3
 from .back_projection import floor_points, viewing_direction
 from .result import Flows, Picture
 
-UNKNOWN_SPEED_MPS = (
-    0.08  # ours: sigma of a speed without flow; robots in the scenes have 0.06 to 0.10
-)
+UNKNOWN_SPEED_MPS = 0.08
+"""Ours: standard deviation of the speed where no flow was measured; robots in the scenes have 0.06 to 0.10."""
 
 
 @dataclass(frozen=True)

@@ -21,14 +21,12 @@ SECTOR_RAD = math.radians(1.5)  # ours: one centimetre at 0.4 m
 SECTOR_POINTS = 8  # ours: sectors with fewer points are left out
 SECTORS = 6  # ours: at least this many; three would fit any noise
 LEAST_M = 0.10  # ours: least width of the front; a short piece of a corner looks round too
-ROUGH_M = (
-    0.003  # ours: largest RMS; in walks 0.2 to 2.2 mm for round obstacles, from 5.7 for others
-)
+ROUGH_M = 0.003
+"""Ours: largest RMS of the fit; in walks 0.2 to 2.2 mm for round obstacles, 5.7 mm and more for others."""
 SMOOTH_M = 0.003  # ours: least RMS in the covariance; errors of sectors are correlated
 RADIUS_M = (0.03, 0.35)  # ours: up to the largest tracked obstacle
-RADIUS_SIGMA_M = (
-    0.03  # ours: largest standard deviation of the radius; above, the front may be flat
-)
+RADIUS_SIGMA_M = 0.03
+"""Ours: largest standard deviation of the radius; above, the front may be flat."""
 FLAT = 3.0  # ours: an initial radius this many times the largest one is a wall
 ITERATIONS = 15  # of Gauss-Newton; usually four or five suffice
 DONE_M = 1e-6  # change at which the iteration stops

@@ -33,30 +33,24 @@ from .row_gaps import NEIGHBOURS, Plan, Sensor, with_level
 
 ENOUGH = 1000  # points of a cluster that its measurement uses at most
 CELL_POINTS = 3.0  # ours: least points in a cell, scaled to 2 m; fewer are flying pixels
-COARSE_RAD = 1 / 130  # ours: between two pixels; a cell needs fewer points of a coarser image
+COARSE_RAD = 1 / 130  # ours: angle between two pixels; in coarser images a cell needs fewer points
 TRUNCATED_POINTS = 3  # ours: points at a truncation that make a cluster truncated
 FRONT_M = 0.05  # ours: a front rises more than this within this depth
-HIDDEN_M = 1.0  # ours: deviation along the ray of a centre whose front is not seen
+HIDDEN_M = 1.0  # ours: standard deviation along the ray of a centre whose front is not seen
 MERGED_M = 0.7  # ours: a longer cluster may be several objects
 APART_M = 0.25  # ours: objects side by side rise this much above the height at which they touch
 LEVEL_M = 0.10  # ours: height steps in which tops are compared
 LEAST_CELLS = 3  # a top of fewer cells is a hand or a flying pixel
-ROUND_M = (
-    0.40  # ours: largest half width of a round object; the centre of others is that of the points
-)
-NEARNESS = (
-    0.48,
-    0.93,
-)  # growth of radius and shift by (half width / distance), from simulated circles
-SHAPE_PER_M = (
-    0.6  # ours: centre error of a flat, round or angular front is this times radius squared, m
-)
+ROUND_M = 0.40
+"""Ours: largest half width of a round object; the centre of others is that of the points."""
+NEARNESS = (0.48, 0.93)
+"""Growth of radius, and of the shift of the centre, with half width / distance; from simulated circles."""
+SHAPE_PER_M = 0.6
+"""Ours: centre error of a flat, round or angular front is this times radius squared, m."""
 SEEN = 0.4  # ours: share of that error where both edges are seen
-SLICE_M, SLICE_POINTS = (
-    0.02,
-    3,
-)  # ours: of the depth of an object whose top is seen; fewer points are flying pixels
-LEAST_SLOPE = 0.15  # ours: of the line of sight to a top that shows its far edge
+SLICE_M, SLICE_POINTS = 0.02, 3
+"""Ours: an object whose top is seen is cut into slices along the ray; slices of fewer points are flying pixels."""
+LEAST_SLOPE = 0.15  # ours: least slope of the line of sight at which a top shows its far edge
 PLACE_SIGMA_M = 0.004  # ours: error common to all points of an object, at the sensor
 PLACE_SIGMA_PER_M = 0.006  # ours: its growth with range; half a pixel at either edge
 CIRCLE_MOST_M = 1.0  # ours: range up to which a circle is fitted to a truncated object

@@ -18,9 +18,9 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 NEIGHBOURS = np.ones((3, 3), dtype=bool)
-LEVEL_M = 0.03  # ours: largest extent in height of what is level, and difference to the next row
-LONGEST_M = 0.30  # ours: of a gap; more would join what stands far apart
-LEAST_ABOVE_M = 0.01  # ours: of the sensor above a surface that it sees
+LEVEL_M = 0.03  # ours: largest difference in height within a level surface, and between its rows
+LONGEST_M = 0.30  # ours: longest gap that is bridged; more would join separate objects
+LEAST_ABOVE_M = 0.01  # ours: least height of the sensor above a surface that it sees from above
 
 
 class Plan(NamedTuple):

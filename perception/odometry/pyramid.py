@@ -28,9 +28,8 @@ NO_GREY = np.zeros((1, 1), np.float32)
 
 OFF_FLOOR_SIGMAS = 4.0  # ours: points closer to the floor plane count as floor
 OFF_FLOOR_M = 0.02  # ours: the same, at least
-COMPRESSED_M = (
-    6.5  # depth beyond is dropped by `compress`, whose 16 bit hold tenths of a millimetre
-)
+COMPRESSED_M = 6.5
+"""Depth beyond is dropped by `compress`, whose 16 bit hold tenths of a millimetre."""
 
 
 @dataclass(frozen=True)

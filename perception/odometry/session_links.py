@@ -36,26 +36,21 @@ from .pyramid import Pyramid
 LEAST_ALIKE = 0.12  # share of features with a close match, of a proposal
 ALIKE = 2  # proposals of each image
 MOST_PROPOSALS = 60  # of two sessions, the most similar ones
-LEAST_FITTING = (
-    0.75  # share of inliers of a link; less than of a loop closure: furniture may have moved
-)
+LEAST_FITTING = 0.75
+"""Least share of inliers of a link; smaller than for a loop closure, as furniture may have moved."""
 MOST_CONTRADICTING = 0.15  # likewise; a moved chair near the camera fills that much
 LEAST_VISIBLE = 0.35  # a smaller overlap may be a single edge
 BACK_M, BACK_RAD = 0.03, math.radians(1.5)  # there and back again, at most
-AGREE_M, AGREE_RAD = (
-    0.25,
-    math.radians(8.0),
-)  # links of one motion, drift within the sessions included
+AGREE_M, AGREE_RAD = 0.25, math.radians(8.0)
+"""Largest difference between two links that agree; includes the drift within the sessions."""
 NEAR_M, NEAR_RAD = 1.0, math.radians(40.0)  # images this close share most of their view
 NEIGHBOURS = 3  # images of the first session that each image of the second is aligned with
 CACHED = 48  # decompressed images of a session
 PRIOR = 0.01  # probability that two sessions show one place
 PER_VIEW = 1.6  # log odds by each image of the smaller side that is linked
 MOST_VIEWS = 6  # images that count: more of them are not independent
-FITS, PER_FITTING = (
-    0.80,
-    25.0,
-)  # of all overlapping images: neutral share of inliers, log odds per share
+FITS, PER_FITTING = 0.80, 25.0
+"""Evidence by the inliers of all overlapping images: share that is neutral, and log odds per share."""
 FREE, PER_FREE = 0.06, 60.0  # the same for points in the other session's free space
 ONLY_CHANCE = 1e-6  # no probability is closer to 0 or 1
 

@@ -31,9 +31,8 @@ LEAST_ROWS = 12  # ours: half as many again as unknowns
 HEADINGS, PLACES_PER_AXIS = 16, 5  # ours: grid of starts
 DESCENT, REFINEMENT = 25, 12  # ours: iterations
 MOST_MINIMA = 6  # ours: poses that are refined
-SHARED = (
-    4.0  # ours: sightings in a row that have their error in common, for covariance and comparison
-)
+SHARED = 4.0
+"""Ours: number of successive sightings with a common error; they count as one in covariance and comparison."""
 SURE = 10.0  # ours: log likelihood by which a fix must surpass every other pose
 NEAR_M, NEAR_RAD = 0.05, 0.02  # ours: residuals of a perfect log; keeps weights finite
 SHARP = 0.05  # ours: standard deviation of the position over the size of the map

@@ -14,9 +14,8 @@ from ..floor._search_kernels import solve
 from ..primitives.compiled import njit
 
 SUMS = 11  # A (00, 01, 02, 11, 12, 22), g (3), sum of w q^2, number
-AROUND = (
-    1  # ours: a pixel that two regions explain takes the better one of its neighbourhood of 3 x 3
-)
+AROUND = 1
+"""Ours: a pixel that two regions explain takes the better one of its neighbourhood of 3 x 3."""
 TRUNCATED = 9.0  # ours: of a squared residual in that neighbourhood
 CANDIDATES = 9
 

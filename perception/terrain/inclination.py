@@ -14,10 +14,8 @@ from ..primitives.plane import Plane
 from .region import Region
 
 SIGMAS = 3.0  # ours
-RAMP_RAD = (
-    math.radians(2.0),
-    math.radians(35.0),
-)  # ours: treads fall by 1 deg at most; steeper is no ground
+RAMP_RAD = (math.radians(2.0), math.radians(35.0))
+"""Ours: least and greatest slope of a ramp: treads of stairs fall by 1 deg at most, and steeper is no ground."""
 FILLED = 0.5  # ours: share of its outline that a ramp fills; a plane through far stairs has stripes of each
 SMALLEST_STEP_M = (0.10, 0.21)  # building codes: riser and tread; smaller steps are a ramp
 NOTICED_SIGMAS = 2.0  # ours: of noise, by which such steps would stand out of the plane

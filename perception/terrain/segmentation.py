@@ -36,29 +36,22 @@ FULL = 0.7  # ours: share of a cell's pixels with depth
 FLAT = 2.5  # ours: most squared residual of a cell per degree of freedom
 ROUGH_M = 0.002  # ours: of a surface within a cell
 COMMON_M = 0.003  # ours: error that the pixels of a cell share; roughness of floors in `refine`
-COMMON_SIGMAS = (
-    0.5  # ours: the same in standard deviations of a pixel; block matching smooths its noise
-)
+COMMON_SIGMAS = 0.5
+"""Ours: the same, in standard deviations of a pixel, for block matching, which smooths its noise."""
 GATE = 7.8  # chi-square, 3 degrees of freedom, 0.95; with a wider one cells on a fold join
 LEAST_CELLS = 4  # ours
 ALIKE = 0.15  # ours: squared residual per pixel by which regions that are joined may fit worse
 REACH_CELLS = 2  # ours
 MOST_REGIONS = 64  # ours
 PIXEL_SIGMAS = 3.0  # ours
-MARGIN_PX = (
-    2  # ours: border of a region that its fit leaves out; half a block more after block matching
-)
+MARGIN_PX = 2
+"""Ours: border of a region that its fit leaves out; half a block more after block matching."""
 THIN = 0.2  # ours: least share of a region's pixels away from its border for that
-LARGE, STRIDE, MANY = (
-    150_000,
-    3,
-    600,
-)  # ours: in an image of so many pixels each third point is fitted, if a region has many
+LARGE, STRIDE, MANY = 150_000, 3, 600
+"""Ours: in images of `LARGE` pixels, every `STRIDE`-th point of regions with `MANY` points is fitted."""
 SUB_PIXEL_SIGMAS = 0.1  # ours: shared by pixels of like disparity
-RESOLVED_PX, RESOLVED_BLOCKS = (
-    5.0,
-    1.5,
-)  # ours: two for each surface of a step; blocks of a matching smooth steps to a plane
+RESOLVED_PX, RESOLVED_BLOCKS = 5.0, 1.5
+"""Ours: smallest detail that a region resolves: in pixels, and in blocks of block matching, which smooths small steps."""
 LEAST_PIXELS, LEAST_SHARE = 100, 0.002  # ours: of the image; smaller regions are not claimed
 
 

@@ -27,9 +27,8 @@ NEAR_TILT_DEG = 38.0  # this shows the floor from 0.3 to 1.0 m
 NEAR_M = 0.6  # distance below which that tilt is used
 SURVEY_PANS_DEG = (0.0, 40.0, 80.0, 40.0, 0.0, -40.0, -80.0, -40.0)  # views of 44 deg overlap
 GLANCE_PANS_DEG = (40.0, -40.0, 80.0, -80.0)
-REVISIT_S = (
-    1.0  # ours: two steps, rounded; a moving obstacle out of sight for longer is looked for ...
-)
+REVISIT_S = 1.0
+"""Ours: two steps, rounded; a moving obstacle out of sight for longer is looked for ..."""
 REVISIT_M = 2.0  # ... within this distance
 CLOSE_M, CLOSE_REVISIT_S = 1.2, 0.6  # the same for a close one
 UNWATCHED_S = 2.0  # ours: three steps; longest time without a look along the path

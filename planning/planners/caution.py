@@ -24,9 +24,8 @@ from .planner import Decision
 
 SHORTER = 0.5  # ours: half a step leads along the same curve, and stops in half the way
 LOOKS = "look around"
-GOES_ON = (
-    20  # ours: steps of a robot that is lost between two looks around, half a metre of a DARwIn-OP
-)
+GOES_ON = 20
+"""Ours: steps between two looks around while the robot is lost; half a metre for a DARwIn-OP."""
 PAUSE = 3  # ours: steps left out between two on several levels, while the walk should be slower
 
 

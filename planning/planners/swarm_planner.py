@@ -36,15 +36,13 @@ from .planner import Decision, ImageTarget, Plan
 from .settings import PlanningConfig
 from .timed_goals import NEAR_GOAL_M, Schedule, TimedGoals
 
-DOUBTED = (
-    0.05  # ours: the gaze follows tracks from here on: an obstacle that reverses seems to stand
-)
+DOUBTED = 0.05
+"""Ours: probability of moving above which the gaze follows a track; low, since an obstacle that reverses seems at rest."""
 BESIDE_M = 0.05  # ours: a contact this near to a moving track belongs to it
 GLANCE_RAD = math.radians(10.0)  # ours: with the head turned further the picture is a glance
 FOLLOWING_COST = 0.04  # ours: at three times that the robot walks along with crossing obstacles
-GLANCE_EVERY = (
-    2  # ours: steps between glances, by which a reversal beside the robot is noticed later
-)
+GLANCE_EVERY = 2
+"""Ours: steps between glances, by which a reversal beside the robot is noticed later."""
 WAITS = 0.6  # ours: share of the cruising step below which the robot counts as waiting
 
 

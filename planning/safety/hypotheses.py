@@ -37,10 +37,10 @@ from .guard_settings import (
 from .prediction import Line, MotionPatterns
 
 SURE = 0.95
-"""Ours: above this probability of moving the static hypothesis is left out, and the reverse."""
+"""Ours: the hypothesis of rest is left out above this probability of moving, that of motion below 1 less this."""
 
 LOST_M = 1.0
-"""Ours: distance beyond which a line is left out."""
+"""Ours: lines whose ends are farther from the robot than this are left out."""
 
 
 class Hypotheses:

@@ -31,9 +31,8 @@ from .potential import SearchConfig
 
 # all ours
 RING_M = 0.6  # unseen ground added round the map, so that a path may leave it
-HORIZON_M = (
-    20.0  # a goal further beyond the map is sought where the straight line to it passes this
-)
+HORIZON_M = 20.0
+"""A goal further beyond the map is sought where the straight line to it passes this."""
 CORRIDOR_M = 0.30  # distance from the old path at which the loyalty penalty is full
 PASSED_M = 0.15  # distance at which a way point counts as passed
 PROGRESS_M = 0.10  # least reduction of the remaining path that is progress

@@ -27,9 +27,8 @@ from planning.commands import WalkCommand
 from ..ranges import check_ranges
 from .pendulum import GRAVITY_MPS2, Phase, capture_point_before
 
-EDGE = (
-    0.25  # ours: share of the swing before and after the motion ahead, on the way to another level
-)
+EDGE = 0.25
+"""Ours: on the way to another level, share of the swing before and after the forward motion of the foot."""
 PREVIEW_STEPS = 4  # ours: the fourth step ahead moves the centre of mass by less than 0.1 mm
 
 

@@ -23,11 +23,8 @@ EMPTY_M = 0.12  # ours: radius of the movers of a scene that has none
 EMPTY_COUNT = 3  # ours: of these movers
 TO_START_M = 1.0  # ours: of these movers
 _HEAD = 0.08
-_LEG_M, _LEGS_APART, _SWING_M = (
-    0.75,
-    1.0,
-    0.08,
-)  # height; in radii of the trunk; half a step of 16 cm
+_LEG_M, _LEGS_APART, _SWING_M = 0.75, 1.0, 0.08
+"""Height of the legs, m; distance between them in radii of the trunk; swing, half a step of 16 cm."""
 _LEG_RADIUS = 0.32  # in radii of the trunk
 
 

@@ -23,9 +23,8 @@ FLOOR_RESOLUTION_M = 0.0016  # ours: a stereo pixel at 0.9 m; finer costs start-
 SURFACE_RESOLUTION_M = 0.002  # ours
 WALL_RESOLUTION_M = 0.0025  # ours
 MOST_PX = 26e6  # ours: 8 x 8 m of floor, 75 MB; larger surfaces get a coarser texture
-MOST_SCENE_PX = (
-    60e6  # ours: of all but floor and tags, 2 GB in a renderer; a larger scene gets coarser ones
-)
+MOST_SCENE_PX = 60e6
+"""Ours: pixels of all textures but floor and tags, 2 GB in a renderer; larger scenes get coarser ones."""
 MOST_SIDE_PX = 8000  # ours: every renderer accepts such a texture
 _LIGHT = np.array([0.35, -0.25, 0.90]) / math.hypot(0.35, 0.25, 0.90)  # ours
 _WIDTH_UNIT = 4  # EGL shears textures whose rows are no multiple of 4 px

@@ -22,10 +22,8 @@ from ..shapes import Box, Shape, distance, outline
 
 SIDE_M = 0.22  # ours: black square; 24 px at 3.3 m in the colour camera, 4 px per module
 PLATE_M = SIDE_M * (TAG_MODULES + 2 * TAG_MARGIN_MODULES) / TAG_MODULES
-AHEAD_M, WIDE_M = (
-    0.10,
-    0.6 * PLATE_M,
-)  # ours: free space before a plate and to each side of its middle
+AHEAD_M, WIDE_M = 0.10, 0.6 * PLATE_M
+"""Ours: free space before a plate and to each side of its middle."""
 SPACE_M = math.hypot(AHEAD_M, WIDE_M) + 1e-6  # nothing farther from the middle lies in it
 THICKNESS_M = 0.006
 IN_VIEW_M = 2.5  # ours: range within which a tag counts as visible

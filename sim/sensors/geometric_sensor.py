@@ -39,10 +39,8 @@ RADIUS_SHARE = 0.05  # ours: error of the radius
 # measured in those 554 frames
 SURE_M, LOSS_PER_M = 0.9, 0.33  # whole in every frame up to this range; share lost per metre beyond
 REPEATS = 0.3  # share of frames whose outcome is that of the frame before
-FITTED_M, FITTED_SHARE = (
-    1.0,
-    0.5,
-)  # up to this range a circle is fitted to truncated ones, this share
+FITTED_M, FITTED_SHARE = 1.0, 0.5
+"""Range up to which a circle is fitted to truncated discs, and the share of them for which it is accepted."""
 COLOUR_SHARE, COLOUR_SURE_M = 0.84, 1.5  # the same of the colour camera, up to this range
 PART_SHARE = 0.3  # of the partly hidden discs that the colour camera takes for whole ones
 PART_RAD = math.radians(1.0)  # least visible width of a part

@@ -27,13 +27,8 @@ MOST_TEXT_BYTES = 1 << 16  # of a text file that is read to see what a folder is
 MOST_ALIKE = 8  # files of one kind in a folder that are looked at for that
 MOST_SHARE = 0.5  # of the free space of the temporary folder that one recording may take
 YOUNG_S = 60.0  # a copy that is younger may be of a process that does not hold it yet
-MARKS = (
-    "ETag",
-    "etag",
-    "md5",
-    "mtime",
-    "LastModified",
-)  # what tells a file from an earlier one of its name
+MARKS = ("ETag", "etag", "md5", "mtime", "LastModified")
+"""Fields of a listing that change when a file is replaced by another of the same name."""
 Listing = Mapping[str, Mapping[str, Any]]
 
 

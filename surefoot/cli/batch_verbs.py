@@ -34,7 +34,7 @@ MEMORY_GIB = 4.0  # ours: of a worker; a processed walk needs 0.5, its map 0.5, 
 
 @dataclass(frozen=True)
 class Workers:
-    """Where a batch runs, as the options say."""
+    """Where a batch runs: processes of this machine, or the workers of a Dask scheduler."""
 
     count: int | None
     memory_gib: float
@@ -42,7 +42,7 @@ class Workers:
     again: bool
 
     def start(self, say: Callable[[str], None]) -> Executor:
-        """The workers; what they may take is said."""
+        """Start the workers; print how many, and the memory that each may take."""
         if self.scheduler is not None:
             from ..batch.dask_cluster import DaskCluster
 
@@ -56,7 +56,7 @@ class Workers:
 
 
 def workers_options(verb: Callable[..., None]) -> Callable[..., None]:
-    """The options of a batch, which reach the verb as one `workers`."""
+    """Add the options of a batch to a verb, which receives them as one argument `workers`."""
 
     @click.option("--workers", type=click.IntRange(min=1),
                   help="Of a batch: processes on this machine; default one per core, as far as memory allows.")  # fmt: skip

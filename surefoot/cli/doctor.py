@@ -153,7 +153,7 @@ def render(findings: list[Finding]) -> str:
 def _finding(
     name: str, found: bool, detail: str, cost: str, mend: str, optional: bool = False
 ) -> Finding:
-    """A finding that names cost and remedy only where something is missing."""
+    """A finding; cost and remedy are dropped if the part is there."""
     return Finding(name, found, detail, *(("", "") if found else (cost, mend)), optional)
 
 

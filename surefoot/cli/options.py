@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 
 class Place(click.Path):
-    """A path that can exist."""
+    """A path, existing or not; refuses a name that no file can have."""
 
     def __init__(self) -> None:
         super().__init__(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The path; InputError for a name that is empty, too long, a loop of links, or impossible."""
+        """The path; InputError for a name that is empty or too long, or a loop of links."""
         if not str(value):
             raise InputError("an empty path was given; expected the name of a file or folder")
         try:
@@ -38,12 +38,12 @@ class Place(click.Path):
 
 
 class Number(click.FloatRange):
-    """A number of a range, which NaN, unlike in click, is in none of."""
+    """A number within a range; refuses NaN, which click accepts."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """The number; a usage error if it is none."""
+        """The number; a usage error for NaN."""
         found = float(super().convert(value, param, ctx))
         if math.isnan(found):
             self.fail(f"{value} is not a number", param, ctx)
@@ -107,16 +107,22 @@ smooth_option = click.option(
     "smooth_lag_s",
     type=Number(min=0.0, min_open=True),
     metavar="SECONDS",
-    help="Smooth the poses of the walk by measurements up to this much later; inf: by all (smoothed.txt).",
+    help="Also write smoothed.txt: each pose with the measurements up to this much later; inf: with all.",
 )
 
 
 def settings(
     recording: Path | None, config_path: Path | None, overrides: tuple[str, ...], ignore_poses: bool
 ) -> Config:
-    """The configuration for a recording, or for many if it is None.
+    """The configuration that the options ask for.
 
-    A recording of `simulate --record` has by default the settings with which it was walked.
+    Without --config, a recording of `simulate --record` is processed with the settings of that walk.
+
+    Args:
+        recording: Of a single run; None for a batch.
+        config_path: Of --config.
+        overrides: Of --set.
+        ignore_poses: Whether --ignore-poses was given.
     """
     from ..config.load import load, own_settings
 
@@ -126,7 +132,7 @@ def settings(
 
 
 def all_overrides(overrides: tuple[str, ...], ignore_poses: bool) -> tuple[str, ...]:
-    """Single settings with those that have options of their own: --ignore-poses and --reader."""
+    """The values of --set, and as such those of --ignore-poses and --reader."""
     if ignore_poses:
         overrides = (*overrides, "ignore_poses=true")
     reader = click.get_current_context().meta.get(READER)

@@ -286,7 +286,7 @@ def smooth(run: Path, lag_s: float | None) -> None:
 
 
 def _smooth(summary: Summary, lag_s: float | None) -> None:
-    """Smooth the poses of a complete run; nothing if that was not asked for."""
+    """Smooth the poses of a complete run, if --smooth was given."""
     from ..offline.smooth import smooth_run
     from ..results.run_folder import RunFolder
 

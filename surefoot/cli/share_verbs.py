@@ -15,7 +15,7 @@ from .options import PATH
 @click.argument("run", type=PATH)
 @click.option("--out", type=PATH, help="File to write; default film.webp in the run folder.")
 def film(run: Path, out: Path | None) -> None:
-    """Write the moving picture of RUN: camera, depth and the growing map, as an animated WebP below 3 MB.
+    """Write an animation of RUN: camera, depth and the growing map, as a WebP below 3 MB.
 
     \b
     Example:

@@ -173,7 +173,7 @@ def view(run: Path, live: bool) -> None:
 @click.command()
 @click.argument("run", type=PATH)
 def replay(run: Path) -> None:
-    """Write the replay page of RUN again: one file in which a slider moves everything the run knew.
+    """Write the replay page of RUN again: one file; its slider shows pose, map, tracks and gaze at any time.
 
     \b
     Every run has one, linked from its report. Example:

@@ -60,10 +60,10 @@ class Progress:
 
 
 class Verbs(click.Group):
-    """Shows every error as one line and exits with the code of its kind."""
+    """Group of commands that prints every error as one line and exits with the code of its kind."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """The words of the command line; a usage error for one that no report could hold."""
+        """The arguments; a usage error for one that is not UTF-8, which no report could quote."""
         for word in args:
             if word != word.encode(errors="replace").decode():
                 raise click.UsageError(
@@ -96,7 +96,7 @@ class Verbs(click.Group):
             self._unexpected(ctx, error)
 
     def _unexpected(self, ctx: click.Context, error: Exception) -> NoReturn:
-        """One line about an error that nobody expected, with the traceback if that was asked for."""
+        """Print an unexpected error as one line, or with its traceback after --debug."""
         if ctx.params.get("debug"):
             traceback.print_exc()
         words = plugins.fault(error) or f"unexpected {type(error).__name__}: {error}"
@@ -108,7 +108,7 @@ class Verbs(click.Group):
 
 
 def exit_code(error: SurefootError) -> int:
-    """Bad input if the user can mend it by another argument, such as another --out; else failed."""
+    """Exit code of an error: bad input if another argument, such as another --out, avoids it; else failed."""
     if isinstance(error, OutputError):
         cause = error.__cause__
         full = isinstance(cause, OSError) and cause.errno in FULL
@@ -118,7 +118,7 @@ def exit_code(error: SurefootError) -> int:
 
 @contextlib.contextmanager
 def progress() -> Iterator[Progress]:
-    """A progress line for the length of a block; a notice says when kernels are compiled."""
+    """Context with a progress line; a notice says when kernels are compiled."""
     from numba.core import event  # slow to load
 
     class Notice(event.Listener):

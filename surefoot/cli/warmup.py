@@ -164,7 +164,7 @@ def _levels(rng: np.random.Generator) -> str:
 
 
 def _seldom(rng: np.random.Generator) -> str:
-    """The field with all additions, a mover too near for the guard, a search for the pose, and detections by geometry."""
+    """Kernels of single options: the field with all additions, an obstacle too near for the guard, global localisation."""
     from perception.localisation import scan_search
     from perception.localisation.scan import Scan
     from planning.commands import WalkCommand

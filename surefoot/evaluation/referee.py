@@ -40,9 +40,8 @@ from .metrics.trajectory import (
 )
 
 MIN_POSES = 5  # ours: with fewer poses an alignment leaves hardly any error
-MOTIONS = (
-    200  # between poses; each is long against the time over which errors of images are correlated
-)
+MOTIONS = 200
+"""Number of motions between poses that are judged; each lasts longer than the errors of images are correlated."""
 TOGETHER = 120  # poses of which the joint covariance is made
 BINS = 5  # of the distance travelled, with equally many poses
 COMPONENTS = {

@@ -17,9 +17,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from perception.primitives.pose import Pose3
 
-_SLACK_S = (
-    0.1  # ours: so shortly before the first or after the last stamp, the nearest pose is used
-)
+_SLACK_S = 0.1
+"""Ours: so shortly before the first or after the last stamp, the nearest pose is used."""
 
 
 class Transforms:

@@ -54,7 +54,7 @@ class LiveBody:
         Args:
             robot: Walks and measures.
             writer: Of the recording.
-            faults: Change its frames before anybody sees them.
+            faults: Change or drop its frames before they are recorded and processed.
             lost: Called at the instant of each frame that never arrives.
         """
         self._robot, self._writer = robot, writer
@@ -65,8 +65,8 @@ class LiveBody:
     def read(self) -> Frame | None:
         """The next frame, as a recording stores it; None once the robot has fallen.
 
-        The pipeline assumes an upright robot, so frames of a fallen one are useless. A frame with the stamp of the one
-        before is no new frame, here and in a recording.
+        The pipeline assumes an upright robot, so frames of a fallen one are useless. A frame with the stamp of the
+        previous one is dropped, here and in a recording.
         """
         while not self._robot.fallen:
             frame = self._robot.read()

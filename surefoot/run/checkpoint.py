@@ -1,6 +1,6 @@
 """Checkpoints: a run that was killed or interrupted resumes at the last one and gives the same bits.
 
-A checkpoint holds everything that lives from frame to frame: pose source, tracks, maps, random generators, and the
+A checkpoint holds the state that each frame hands to the next: pose source, tracks, maps, random generators, and the
 length of each table. Before the tables are closed, at the end of a run or after an interrupt, they are copied, so that
 a run resumes from there too. A checkpoint holds values only (`results.object_file`); reading one runs no code of it.
 """
@@ -63,7 +63,7 @@ class Keeper:
         self._folder = folder
         self._made_by = _made_by(config, recording)
         self._last_s = time.monotonic()
-        self._able = True  # whether the state can be kept
+        self._able = True  # False if a plug-in holds what cannot be saved
 
     def __call__(self, state: State) -> None:
         """After each frame: write a checkpoint every `EVERY_S` seconds.
@@ -101,7 +101,7 @@ class Keeper:
             return
         try:
             content = object_file.dumps(state, {"folder": self._folder})
-        except InputError as error:  # a plug-in keeps something that is no value
+        except InputError as error:  # a plug-in holds something that is not plain data
             _LOG.warning("this run cannot be resumed: %s", error)
             self._able = False
             return

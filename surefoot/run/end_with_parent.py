@@ -1,4 +1,4 @@
-"""Worker processes that do not outlive who started them."""
+"""Worker processes that end when the process that started them ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The frames of a run before anything measures in them: by one clock, with pictures that can be used."""
+"""Checks on each frame before it is processed: stamps that increase, images that can be used."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from perception.primitives.frame import Frame
 from perception.primitives.own_body import OwnBody
 
 GAP = "gap in stamps"
-"""What the status says of frames that are missing."""
+"""Status while the interval between two frames is longer than usual."""
 
 
 class FrameWatch:
-    """Watches clock and pictures of one run.
+    """Checks stamps and images of one run.
 
     Args:
-        own_body: What the cameras see of the robot itself; None for nothing.
-        walks: Whether the pose is that of a walking robot, which a gap in the stamps makes doubtful.
+        own_body: Finds the pixels of the robot's own body; None if no camera sees it.
+        walks: Whether a walking robot carries the sensors: then its pose is doubtful after a gap.
     """
 
     def __init__(self, own_body: OwnBody | None, walks: bool) -> None:

@@ -18,10 +18,8 @@ from perception.terrain import segmentation
 
 from ..config.schema import Config
 
-SWAY_M, SWAY_RAD = (
-    0.005,
-    math.radians(0.5),
-)  # ours: of the trunk over the foot, sideways and about up
+SWAY_M, SWAY_RAD = 0.005, math.radians(0.5)
+"""Ours: error of the trunk relative to the foot: sideways, m, and about the vertical, rad."""
 
 
 class GroundWatch:

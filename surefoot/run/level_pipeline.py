@@ -44,16 +44,17 @@ from .frame_watch import GAP, FrameWatch
 from .pipeline import Pipeline, make_pose_source
 
 START = 5 / 12
-"""Ours: of the height of its camera; the robot is put on level ground, which it cannot see so near."""
-GROUND_M = 2.2  # ours: depth to which edges are believed; farther ones, seen often, are surer than they are right
-RISE_SIGMA_M = 0.002  # ours: of a step, by the joints
-# Ours: of the trunk, beside tilt and height of the prior.
+"""Ours: radius of level ground assumed round the start, which the camera cannot see; share of the camera's height."""
+GROUND_M = 2.2  # ours: edges farther away are not used: their claimed errors become too small over many images
+RISE_SIGMA_M = 0.002  # ours: error of the height of one footstep by the joints
+# Ours: sway of the trunk, added to tilt and height of the predicted ground.
 SWAY_M, SWAY_RAD = 0.005, math.radians(0.5)
 UNSEEN_STEP = np.diag(np.square([0.2, 0.1, 0.3, 0.1]))
-"""Ours: covariance of a step that nobody saw: ahead, across, m, heading, rad, and rise, m."""
+"""Ours: covariance of a step without odometry: ahead and across, m^2, heading, rad^2, and rise, m^2."""
 SENSORS = ("tof", "depth")
-TILTS = 6  # ours: images whose tilt is compared with that of the joints together
-STILL_M, STILL_RAD = 0.003, math.radians(0.5)  # ours: beyond what encoders err
+TILTS = 6  # ours: number of images over which the tilt of the ground is compared with that by the joints
+STILL_M, STILL_RAD = 0.003, math.radians(0.5)
+"""Ours: a foot that moved by more has stepped; above the errors of encoders."""
 
 
 class LevelPipeline:

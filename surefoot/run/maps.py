@@ -29,7 +29,7 @@ from ..config.schema import Config
 
 
 class RunMaps:
-    """What the pipeline remembers of the scene."""
+    """The maps that the pipeline keeps from frame to frame."""
 
     def __init__(self, config: Config) -> None:
         """Begin with empty maps."""

@@ -1,4 +1,4 @@
-"""The moments of a run from its cycles: what is kept, how often, and how fine."""
+"""Records the moments of a run, which the replay page shows: which quantities, how often, at which resolution."""
 
 from __future__ import annotations
 
@@ -34,12 +34,11 @@ from .loop import Cycle
 
 # ours: a walk has its frames 0.2 s apart; of a recording at 30 Hz a viewer needs no more
 EVERY_S = 0.15
-PICTURE_EVERY_S = 0.6  # ours: one a footstep
+PICTURE_EVERY_S = 0.6  # ours: one per footstep
 WIDTH_PX = 320
-QUALITY = 50  # ours: of JPEG; WebP takes a third less room and 35 times as long (5.3 ms)
-HEIGHT_STEPS = (
-    256  # a metre; a power of two, so that steps are exact; 4 mm are below the noise of depth
-)
+QUALITY = 50  # ours: of JPEG; WebP would be a third smaller, but takes 35 times as long (5.3 ms)
+HEIGHT_STEPS = 256
+"""Per metre; a power of two keeps them exact, and 4 mm are below the noise of depth."""
 AHEAD_S = (1.0, 2.0, 4.0)  # of predictions
 LEAST = 1e-3  # modes of a lower probability are not drawn
 

@@ -50,9 +50,9 @@ from .frame_watch import FrameWatch
 from .ground_watch import GroundWatch
 from .maps import RunMaps
 
-FLOORS = 6  # ours: floors that are compared with the joints together; two seconds of two cameras
+FLOORS = 6  # ours: number of floors over which camera and joints are compared; two seconds of two cameras
 HEIGHTS, MISPLACED_NIS = 4, 1e3
-"""Ours: pictures whose tags are compared with their heights together; what a picture of misplaced tags counts."""
+"""Ours: number of images over which the heights of tags are checked; NIS of an image whose tags are misplaced."""
 
 
 class Pipeline:

@@ -22,7 +22,7 @@ from ..results.version import commit, version
 from .moment_recorder import EVERY_S
 from .summary import Say, Summary
 
-MOST_MOMENTS = 3000  # ours: of a log of many minutes, in estimates.mcap
+MOST_MOMENTS = 3000  # ours: interval of poses in estimates.mcap; logs last many minutes
 STATES_HEADER = ("stamp_s", "state", "sigma_position_m", "sigma_yaw_rad", "rejected_share")
 
 
@@ -121,9 +121,9 @@ def _write_moments(folder: RunFolder, found: LocalisedLog) -> None:
 
 
 def _notes(found: LocalisedLog) -> tuple[str, ...]:
-    """When the robot was lost, and what its odometry and sightings turned out to be."""
+    """When the robot was lost, and the estimated errors of its odometry and sightings."""
     if found.fixes == 0:
-        return ("LOST throughout: the sightings never left a single pose",)
+        return ("LOST throughout: more than one pose stayed possible",)
     steps = np.append(np.diff(found.stamps_s), 0.0)
     again = found.fixes - 1
     notes = [

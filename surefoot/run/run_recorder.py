@@ -181,7 +181,7 @@ class RunRecorder:
         return tuple(notes)
 
     def status_notes(self) -> tuple[str, ...]:
-        """What the run doubted, and when."""
+        """Periods in which the estimates were doubtful, and why."""
         return self._status.notes()
 
     def finish(
@@ -257,7 +257,9 @@ class RunRecorder:
         self._commands.close(keep_empty=False)
         self._status.close()
         self._poses.close(keep_empty=False)
-        if self._poses.rows and not self._folder.has("trajectory.txt"):  # that of a camera in space
+        if self._poses.rows and not self._folder.has(
+            "trajectory.txt"
+        ):  # of a camera that moves in space
             self._folder.write_planar_trajectory()
         footprints = [] if pipeline.maps is None else pipeline.maps.footprints()
         self._tracks.close_into(

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 TRIES = 100  # ours: samples of the start pose
 START_COVARIANCE = np.diag(np.square([0.01, 0.01, np.radians(1.0)]))
-"""Ours: covariance of the start pose of a robot that is placed on its mark by hand, m^2 and rad^2."""
+"""Ours: covariance of the start pose (x, y, yaw) of a robot that somebody puts on its mark, m^2 and rad^2."""
 SETTLING = np.diag(np.square([0.005, 0.005, np.radians(3.0)]))
 """Ours: added for a dynamic body, which rotates by some degrees while its soles settle."""
 

@@ -1,7 +1,7 @@
-"""Soak test: walks through random scenes with random faults for hours, watching what must not grow.
+"""Soak test: walks through random scenes with random faults for hours; memory and latency must not grow.
 
 Every walk has its number as seed, which chooses scene, body and fault; so a soak that was stopped goes on with the next
-number. Its figures stand in soak.csv as soon as it ends. The folder of a walk with a contact or a fall is kept. Source: ours.
+number. Its figures are appended to soak.csv when it ends. The folder of a walk with a contact or a fall is kept. Source: ours.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ class Walk:
     """One walk of a soak.
 
     Args:
-        number: Of the walk, and its seed.
+        number: Number of the walk, which is its seed.
         process: Number of the process that walked it.
-        scene, body, fault: What was walked; an empty fault is none.
+        scene, body, fault: Settings of the walk; fault is empty without one.
         walked_s: Length by the clock of the run, s.
         wall_s: Wall time with the evaluation, s.
         rss_mb: Memory of the process after it, MB.
@@ -177,7 +177,7 @@ def read(table: Path) -> list[Walk]:
 
 
 def figures(walks: list[Walk]) -> dict[str, float]:
-    """What must not grow, and what must not happen.
+    """Figures of a soak: growth of memory and latency, and counts of contacts and falls.
 
     Returns:
         walks, hours, contacts, falls, anees; rss_mb_per_h (growth of memory, mean over processes, NaN with fewer than

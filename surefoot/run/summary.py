@@ -15,7 +15,7 @@ from ..recordings.recording import Recording
 
 Say = Callable[[str], None]
 
-LAST_S = 60.0  # ours: last part of a walk, whose decisions tell why it ended
+LAST_S = 60.0  # ours: length of the last part of a walk; its decisions say why the walk ended
 
 
 class Decided(NamedTuple):
@@ -65,7 +65,7 @@ class Summary:
         body: Body that walked, "kinematic" or "dynamic" (only this one can fall); None for a recording.
         notes: Anything else the user should know.
         interrupted: Whether Ctrl-C ended the run before its last frame.
-        lost: Whether the log of a robot never left a single pose.
+        lost: Whether the log of a wheeled robot never determined its pose.
     """
 
     folder: Path

@@ -27,13 +27,10 @@ from .schema import COMMIT, FOLDER, RUN, TABLES, empty
 
 STORE, NAMED = ".store", "part-"
 MEMBERS = "members"
-PART_RUNS = (
-    1000  # ours: runs of a new part; a part that changes is written again in a second or two
-)
-SMALL, MOST_SMALL = (
-    500,
-    8,
-)  # ours: parts of fewer runs are put together when they are more than this
+PART_RUNS = 1000
+"""Ours: runs of a new part; a part that changes is written again in a second or two."""
+SMALL, MOST_SMALL = 500, 8
+"""Ours: parts of fewer runs are put together when they are more than this."""
 
 Say = Callable[[str], None]
 

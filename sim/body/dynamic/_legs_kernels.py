@@ -12,9 +12,8 @@ from perception.primitives.compiled import njit
 
 from ..pendulum import GRAVITY_MPS2
 
-MOST_SHOCK = (
-    1.0  # ours: limit of the accelerometer's deviation from the vertical, multiples of gravity
-)
+MOST_SHOCK = 1.0
+"""Ours: limit of the accelerometer's deviation from the vertical, multiples of gravity."""
 
 
 @njit(cache=True)

@@ -18,10 +18,8 @@ from jaxtyping import Float32, UInt8
 from perception.primitives.frame import ColourView, DepthView, Frame
 
 BLUR_SHARE = 0.08  # of the image width, over which a fast turn smears the pictures
-SCALES = (
-    1.1,
-    1.5,
-)  # or their inverses: a driver that takes the wrong factor or intrinsics for a while
+SCALES = (1.1, 1.5)
+"""Factors of depth, or their inverses: a driver that uses a wrong scale or wrong intrinsics for a while."""
 CROWD_MPS = 1.2  # speed of people who walk by
 CROWD_SHARE = (0.2, 0.8)  # of the image width covered by them
 CROWD_M = (0.7, 1.5)  # distance from the camera

@@ -33,9 +33,8 @@ from ..support import real_data
 from ..support.experiment import Experiment, Outcome, Say, Target
 from . import floors
 
-FIRST_NOISE_GREY = (
-    2.0  # initial standard deviation of a pixel, until the residuals of the floor are known
-)
+FIRST_NOISE_GREY = 2.0
+"""Initial standard deviation of a pixel, until the residuals of the floor are known."""
 NEAR_SIGMAS = 3.0
 TRIMMED = 1.1  # ours: corrects the median for the omitted points and clutter
 MIDDLE_M = 2.0  # assumed median depth of a room

@@ -49,9 +49,8 @@ PLAIN = np.array(
     [0.01] * 3 + [math.radians(0.5)] * 3
 )  # of methods without covariances; only the ratio counts
 SHORTEST = 15  # motions in half a recording; with fewer no radius is known
-LEAST = (
-    200  # motions in the second halves: chance moves the coverage by 3 % (one deviation) or less
-)
+LEAST = 200
+"""Motions in the second halves: chance moves the coverage by 3 % (one deviation) or less."""
 
 
 def run(seeds: int, say: Say, sets: int = len(SETS) + 1) -> Outcome:

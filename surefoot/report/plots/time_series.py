@@ -17,12 +17,10 @@ from ...evaluation.metrics.trajectory import associate, wrapped
 from ...results.run_folder import ERRORS, PLAYBACK, SIMULATION, RunFolder
 from .style import ESTIMATE, FAINT, SERIES, TRUTH, WRONG, Drawn, bound, legend, sheet
 
-PARTS = (
-    60  # ours: of a run, whose frames are averaged; single frames of different cameras make a comb
-)
-OUTLIER = (
-    2.0  # ours: frames that take longer than this multiple of the 95th percentile are not drawn
-)
+PARTS = 60
+"""Ours: of a run, whose frames are averaged; single frames of different cameras make a comb."""
+OUTLIER = 2.0
+"""Ours: frames that take longer than this multiple of the 95th percentile are not drawn."""
 
 
 def pose_errors(run: RunFolder) -> Drawn | None:

@@ -12,9 +12,8 @@ import numpy as np
 from ...results.moment import Layers, Moment
 from ...results.moments import held
 
-MOST_MOMENTS = (
-    1200  # ours: twice as many are halved, so a page holds at least this many of a longer run
-)
+MOST_MOMENTS = 1200
+"""Ours: twice as many are halved, so a page holds at least this many of a longer run."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -72,7 +72,7 @@ def test_a_log_without_a_fix_is_lost_throughout_and_fails(beacons, tmp_path):
     savemat(tmp_path / "Nonsense.mat", tables)
     summary = process(tmp_path / "Nonsense.mat", None, Config(), tmp_path / "run", lambda _: None)
     assert not summary.succeeded
-    assert summary.notes == ("LOST throughout: the sightings never left a single pose",)
+    assert summary.notes == ("LOST throughout: more than one pose stayed possible",)
     assert set(RunFolder(summary.folder).read_csv("states.csv").words("state")) == {"lost"}
 
 
