@@ -59,7 +59,6 @@ def test_the_pose_is_consistent_with_its_covariance():
     errors, covariances = [], []
     for _ in range(200):
         found = pose_from_sightings(look(pose, places, rng), places, noise(2))
-        assert found is not None or rng is not None
         if found is not None:
             errors.append(found.mean - pose)
             covariances.append(found.covariance)

@@ -135,13 +135,11 @@ def test_a_change_of_exposure_hardly_changes_the_motion() -> None:
     assert error(found.motion, true)[0] < 3e-3
 
 
-def test_a_single_wall_without_colour_leaves_the_motion_along_it_uncertain() -> None:
+def test_a_single_wall_without_colour_is_not_aligned() -> None:
+    """It does not determine the motion along it."""
     wall = np.full((240, 320), 1.5, np.float32)
     depth = structured_light.depth(DepthView(wall, CAMERA))
-    found = align(build(depth), build(depth))
-    if found is not None:
-        across, along = found.covariance[2, 2], min(found.covariance[0, 0], found.covariance[1, 1])
-        assert along > 1e4 * across
+    assert align(build(depth), build(depth)) is None
 
 
 def test_images_without_overlap_are_not_aligned() -> None:

@@ -205,11 +205,14 @@ def test_most_pixels_of_a_region_are_those_of_its_surface():
     depth = scenes.look(scenes.stairs(0.15, 0.28, 3, 0.7), T, NOISE_M)
     rays = scenes.CAMERA.rays @ T.rotation.T
     height = 0.9 + rays[..., 2] * depth.z
-    for one in segmentation.find(depth, config=EXACT, sensor="depth"):
-        if one.slope_rad(scenes.prior(T).normal) < 0.1:
-            step = round((float(scenes.prior(T).normal @ one.middle) + 0.9) / 0.15) * 0.15
-            on = np.abs(height[one.mask(scenes.CAMERA)] - step) < 0.02
-            assert on.mean() > 0.97
+    up = scenes.prior(T).normal
+    found = segmentation.find(depth, config=EXACT, sensor="depth")
+    level = [one for one in found if one.slope_rad(up) < 0.1]
+    assert len(level) == 4  # the floor and three treads
+    for one in level:
+        step = round((float(up @ one.middle) + 0.9) / 0.15) * 0.15
+        on = np.abs(height[one.mask(scenes.CAMERA)] - step) < 0.02
+        assert on.mean() > 0.97
 
 
 def test_noise_and_nothing_give_no_region():

@@ -299,8 +299,8 @@ def test_the_chosen_pixel_is_never_a_forbidden_one():
         o = objective(seed)
         for mode in ("exact", "spread", "literal"):
             found = search.find(o, SwarmConfig(mode), np.random.default_rng(seed))
-            if found is not None:
-                assert o.value(np.array([found.pixel], float))[0] < o.config.penalty
+            assert found is not None
+            assert o.value(np.array([found.pixel], float))[0] < o.config.penalty
 
 
 def test_an_unknown_mode_names_the_known_ones():

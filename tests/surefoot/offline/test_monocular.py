@@ -312,7 +312,9 @@ def test_the_swarm_planner_stops_at_pictures_without_a_floor(kind):
 
 def test_floor_points_of_the_pictures_lie_where_the_scene_has_them():
     """The foot of the box, 1.6 m ahead and 0.1 to 0.5 m to the left, wherever the camera has got to."""
-    for floor in colour_floors(Scene("y down")):
+    floors = list(colour_floors(Scene("y down")))
+    assert len(floors) > 2
+    for floor in floors:
         current = floor.result.current
         pose = current.T_world_camera
         ahead = pose.rotation[:2, 2] / np.linalg.norm(pose.rotation[:2, 2])
