@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
 from typing import Any
@@ -22,7 +22,7 @@ from perception.primitives.errors import ConfigError, RecordingError
 from perception.primitives.pose import CAMERA_IN_BODY_AXES
 from perception.primitives.safe_input import UnreadableError
 
-from .folder import camera_of
+from .folder import FolderRecording, FrameFiles, camera_of
 from .images import UNSTATED, DepthUnit
 from .recording import RecordingInfo
 
@@ -210,6 +210,25 @@ def complete(info: RecordingInfo, description: Description | None) -> RecordingI
         if description.floor_height_m is not None
         else info.floor_height_world_m,
     )
+
+
+def known_layout(
+    path: Path,
+    info: RecordingInfo,
+    files: Sequence[FrameFiles],
+    camera: Camera,
+    unit: DepthUnit,
+    remarks: Sequence[str],
+    description: Description | None,
+) -> FolderRecording:
+    """The recording of a folder in a known layout; a description may add to its information.
+
+    Raises:
+        RecordingError: There is no frame, or the description has a key that the layout defines.
+    """
+    checked = description is not None and description.scale_checked
+    known = complete(info, description)
+    return FolderRecording(path, known, files, camera, unit, None, remarks, checked)
 
 
 def _load(path: Path) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
 from perception.primitives.pose import Pose3
 
-from .description import Description, complete
+from .description import Description, known_layout
 from .folder import KINECT_HZ, FolderRecording, FrameFiles
 from .images import DepthUnit
 from .poses import mirrored, pose_of_row, read_lines, read_tum
@@ -84,15 +84,7 @@ def open_icl_nuim(path: Path, description: Description | None = None) -> FolderR
         gravity_up_world=(0.0, -1.0, 0.0),
         calibrated=True,
     )
-    return FolderRecording(
-        path,
-        complete(info, description),
-        files,
-        camera,
-        UNIT,
-        remarks=remarks,
-        scale_checked=description is not None and description.scale_checked,
-    )
+    return known_layout(path, info, files, camera, UNIT, remarks, description)
 
 
 def _trajectory(path: Path) -> Path | None:

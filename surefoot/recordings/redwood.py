@@ -26,8 +26,16 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, RecordingError
 from perception.primitives.safe_input import UnreadableError
 
-from .description import Description, complete
-from .folder import KINECT_HZ, FolderRecording, FrameFiles, camera_of, pair, pictures, pose_lines
+from .description import Description, known_layout
+from .folder import (
+    KINECT_HZ,
+    FolderRecording,
+    FrameFiles,
+    camera_of,
+    pair,
+    pictures,
+    pose_lines,
+)
 from .images import DepthUnit
 from .poses import pose_of_matrix, read_log
 from .recording import RecordingInfo
@@ -78,15 +86,7 @@ def open_redwood(path: Path, description: Description | None = None) -> FolderRe
         frames=len(files),
         gravity_up_world=(0.0, 1.0, 0.0) if _rendered_upright(matrices) else None,
     )
-    return FolderRecording(
-        path,
-        complete(info, description),
-        files,
-        camera,
-        unit,
-        remarks=remarks,
-        scale_checked=description is not None and description.scale_checked,
-    )
+    return known_layout(path, info, files, camera, unit, remarks, description)
 
 
 def _intrinsics_files(path: Path) -> list[Path]:

@@ -16,7 +16,7 @@ import numpy as np
 from perception.primitives import safe_input
 from perception.primitives.errors import ConfigError, RecordingError
 
-from .description import Description, complete
+from .description import Description, known_layout
 from .folder import (
     KINECT_HZ,
     FolderRecording,
@@ -87,15 +87,7 @@ def open_replica(path: Path, description: Description | None = None) -> FolderRe
     camera = camera_of(source, width, height, fx, fy, cx, cy)
     if description is not None and description.camera is not None:
         camera = description.camera
-    return FolderRecording(
-        path,
-        complete(info, description),
-        files,
-        camera,
-        unit,
-        remarks=remarks,
-        scale_checked=description is not None and description.scale_checked,
-    )
+    return known_layout(path, info, files, camera, unit, remarks, description)
 
 
 def _parameters_file(path: Path) -> Path | None:

@@ -19,8 +19,15 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
 from perception.primitives.pose import Pose3
 
-from .description import Description, complete
-from .folder import KINECT_HZ, FolderRecording, FrameFiles, camera_of, number_in, pictures
+from .description import Description, known_layout
+from .folder import (
+    KINECT_HZ,
+    FolderRecording,
+    FrameFiles,
+    camera_of,
+    number_in,
+    pictures,
+)
 from .images import DepthUnit, image_size
 from .poses import numbers, pose_of_matrix, read_lines
 from .recording import FrameError, RecordingInfo
@@ -52,15 +59,7 @@ def open_seven_scenes(path: Path, description: Description | None = None) -> Fol
         frames=len(files),
         gravity_up_world=_up(path),
     )
-    return FolderRecording(
-        path,
-        complete(info, description),
-        files,
-        camera,
-        UNIT,
-        remarks=remarks,
-        scale_checked=description is not None and description.scale_checked,
-    )
+    return known_layout(path, info, files, camera, UNIT, remarks, description)
 
 
 def _frame(depth: Path, index: int) -> FrameFiles:

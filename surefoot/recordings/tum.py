@@ -20,7 +20,7 @@ import numpy as np
 from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
 
-from .description import EXAMPLE, Description, complete
+from .description import EXAMPLE, Description, known_layout
 from .folder import FolderRecording, FrameFiles, is_stamp, pair, pictures, pose_lines
 from .images import DepthUnit
 from .poses import ASSOCIATION_S, associate, pose_of_row, read_lines, read_tum
@@ -58,15 +58,7 @@ def open_tum(path: Path, description: Description | None = None) -> FolderRecord
         frames=len(files),
         gravity_up_world=(0.0, 0.0, 1.0),
     )
-    return FolderRecording(
-        path,
-        complete(info, description),
-        files,
-        camera,
-        UNIT,
-        remarks=remarks,
-        scale_checked=description is not None and description.scale_checked,
-    )
+    return known_layout(path, info, files, camera, UNIT, remarks, description)
 
 
 def _camera(path: Path, description: Description | None, remarks: list[str]) -> Camera:
