@@ -25,7 +25,7 @@ ABOUT_NOISE = (
 )
 LAW_UNITS, NOISE_UNITS = ("s", "mps", "mps2"), ("m", "mps2", "rad", "radps", "px")
 ORIGIN = re.compile(
-    r"seed \d{3}|et al|\b(19|20)\d\d\b|MEMS|SR-4000|MX-28|DARwIn|measured|trial|calibration|ours:"
+    r"seed \d{3}|et al|\b(19|20)\d\d\b|MEMS|SR-4000|MX-28|DARwIn|measured|trial|calibration|[Oo]urs:"
 )
 
 Quantity = tuple[str, float]
