@@ -189,7 +189,7 @@ class SimulatedRobot:
         return left - first if left > first else left
 
     def _own_body(self, robot: JointedRobot) -> OwnBody:
-        """What its cameras may see of it, with the doubt of joints and trunk."""
+        """What its cameras may see of it, with the errors of joints and trunk."""
         head, sway = self.config.head, self.config.sway
         joint = math.hypot(head.offset_deg, head.encoder_deg / math.sqrt(12.0))
         trunk = math.hypot(sway.roll_deg, sway.pitch_deg, sway.yaw_deg)

@@ -12,14 +12,21 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
-WIDEST_M = 0.95  # ours: doorways of homes are 0.6 to 0.9 m wide
-NARROWER = 0.72  # ours: clearance of a doorway by that of the smaller room; seeds 100 to 103
-LEAST_M2 = 1.5  # ours: a smaller part of the floor is no room
-WALL_M, WALL_SHARE = 0.30, 0.65  # ours: a wall goes on so far behind a jamb, in this share of cells
-THICK_M = 0.30  # ours: floor is no farther from the middle of a wall
-PIECE_M = 0.60  # ours: what stands alone and is shorter is no wall
-ASIDE_CELLS = 4  # ours: which may be beside the line, as door leaves hide corners
-FACING = 0.7  # ours: cosine of the angle between the directions to the two jambs, turned round
+WIDEST_M = 0.95  # ours: widest doorway; those of homes have 0.6 to 0.9 m
+NARROWER = (
+    0.72  # ours: largest ratio of a doorway's clearance to the smaller room's; seeds 100 to 103
+)
+LEAST_M2 = 1.5  # ours: least area of a room
+WALL_M, WALL_SHARE = (
+    0.30,
+    0.65,
+)  # ours: behind a jamb, this share of cells over this length is occupied
+THICK_M = 0.30  # ours: largest distance from the middle of a wall to the floor beside it
+PIECE_M = 0.60  # ours: free-standing pieces that are shorter are no walls
+ASIDE_CELLS = (
+    4  # ours: cells by which a wall may be off the line of the jambs, as door leaves hide corners
+)
+FACING = 0.7  # ours: least cosine between the direction to one jamb and away from the other
 
 Saddles = dict[tuple[int, int], tuple[int, int]]
 """Two hills, the lower number first, and [row, column] of the highest saddle between them."""

@@ -27,7 +27,9 @@ from .world_map import WorldMap
 
 FREE_BELOW = 0.5  # as for planners: a cell of a lower probability can be walked on
 SPECK_CELLS = 3  # ours: fewer occupied cells amid the floor are noise
-HOLE_M2 = 0.10  # ours: unseen floor this small, as under the robot's chin, is floor
+HOLE_M2 = (
+    0.10  # ours: smaller unseen areas within the floor, as below the robot's head, count as floor
+)
 AROUND = np.ones((3, 3), np.bool_)
 
 

@@ -59,11 +59,8 @@ EMPTY: dict[str, np.generic] = {
     "hanging": np.bool_(False),  # the obstacle has room below it, see `hanging`
 }
 HIGHEST_M = 0.5  # ours: what is higher does not block a small robot
-RULE = LookRule(
-    OBSTACLE_POINTS,
-    12.0,  # ours: a thing that came or went shows after seven looks; more looks make no cell surer
-    MOVING_LOG_ODDS,
-)
+RULE = LookRule(OBSTACLE_POINTS, 12.0, MOVING_LOG_ODDS)
+"""Ours: a thing that came or went shows after seven looks; more looks make no cell surer."""
 
 
 @dataclass(frozen=True)

@@ -33,16 +33,20 @@ from .outline import believed, outlines
 from .seen_cells import CELL_M, SeenCells, lattice
 from .surface import Border, Surface
 
-STEEPEST_RAD = math.radians(
-    35.0
-)  # ours: no foot stands on steeper ground; as `inclination.RAMP_RAD`
+STEEPEST_RAD = math.radians(35.0)
+"""Ours: no foot stands on steeper ground; as `inclination.RAMP_RAD`."""
 GATE = 16.3  # chi-square, 3 degrees of freedom, 0.999
-APART_M = 0.6  # ours: a gap that was not seen, as between the feet and the first ground ahead
+APART_M = (
+    0.6  # ours: largest unseen gap within a surface, as from the feet to the first ground ahead
+)
 IN_COMMON = 0.1  # ours: share of a region's cells by which a surface is preferred to all others
-VAGUE_M = 0.08  # ours: a side known less well says nothing
-COVERED = 0.5  # ours: share of the cells of a surface that another one takes over
-LEAST_M2 = 0.01  # ours: of a new surface; a foot has 0.02
-BEYOND_M, BEYOND_SIGMAS = 0.03, 3.0  # ours: an image that sees farther than a cell saw through it
+VAGUE_M = 0.08  # ours: sides with a larger standard deviation are not used
+COVERED = 0.5  # ours: two surfaces become one if one covers this share of the other's cells
+LEAST_M2 = 0.01  # ours: least area of a new surface; a foot has 0.02
+BEYOND_M, BEYOND_SIGMAS = (
+    0.03,
+    3.0,
+)  # ours: a cell is removed if an image sees farther than it by both
 STAND_RADIUS_M = 0.12  # ours: radius of the disc below the feet, half the width of a stance
 STAND_APART_M = 0.3
 """Ours: largest distance from that disc to the surface to which it belongs; the camera does not see between."""
@@ -318,7 +322,7 @@ class GroundMap:
         camera: Camera,
         heights: HeightFilter,
     ) -> None:
-        """Take away cells through which the image saw something farther."""
+        """Remove cells through which the image saw something farther."""
         inverse = np.stack([-one.plane.normal / one.plane.offset_m for one in regions])
         for index, patch in enumerate(self._patches):
             points = patch.cells.places()
@@ -336,7 +340,7 @@ class GroundMap:
             )
 
     def _join(self, seen: list[_Patch], heights: HeightFilter) -> None:
-        """Make one of two surfaces that lie on each other at one height."""
+        """Join surfaces that overlap at the same height."""
         for patch in seen:
             for other in [one for one in self._patches if one is not patch]:
                 if patch not in self._patches or other not in self._patches:

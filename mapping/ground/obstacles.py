@@ -1,4 +1,4 @@
-"""What stands round the robot: voxels that depth images hit or looked through, each with a probability and the variance of its place.
+"""Obstacles round the robot: voxels that depth images hit or looked through, each with a probability and a position variance.
 
 The voxels stand in a map frame that the motions of the body build up, as the surfaces of `ground_map` do; what leaves is in
 the frame of the body. A voxel is hit where points end in it, and looked through where an image measures something farther;
@@ -24,10 +24,12 @@ from perception.primitives.pose import Pose2, Pose3
 VOXEL_M = 0.05  # ours
 HIT, THROUGH = 0.85, -0.4  # OctoMap: log-odds of 0.7 and 0.4
 LEAST, MOST = -2.0, 3.5  # OctoMap: log-odds of 0.12 and 0.97
-BLURRED_M = 0.03  # ours: points known less well along their ray hit nothing
-BEYOND_M = 0.10  # ours: and three deviations; an image that sees farther looked through
-REACH_M, TALL_M = 3.0, 2.0  # ours: of what is kept, beside and above the body
-VAGUE_M = 0.12  # ours: standard deviation of a place beyond which it is forgotten
+BLURRED_M = 0.03  # ours: points with a larger standard deviation along their ray are not used
+BEYOND_M = (
+    0.10  # ours: an image looks through a voxel if it sees farther by this and three deviations
+)
+REACH_M, TALL_M = 3.0, 2.0  # ours: voxels farther beside or above the body are dropped
+VAGUE_M = 0.12  # ours: voxels with a larger standard deviation of their position are dropped
 SHIFT = 1 << 20  # of an index in a key
 
 

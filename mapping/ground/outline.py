@@ -19,16 +19,16 @@ from scipy.ndimage import binary_opening
 from .measured import Side
 from .seen_cells import CELL_M, SeenCells
 
-MARGIN = 8  # ours: cells round the raster that sides may fill
-FILLED_M = 0.05  # ours: a side fills gaps of the cells inwards so far
-CLEARED_M = 0.06  # ours: and clears stray ones outwards
-CLAIMED = 0.5  # ours: share of the cells beyond a side that belie it
-# Ours: a foot's length; share of the cells seen so far and wide that is an opening.
+MARGIN = 8  # ours: cells added round the raster, which sides may fill
+FILLED_M = 0.05  # ours: within this distance inside a side, gaps of the cells are filled
+CLEARED_M = 0.06  # ours: within this distance outside a side, stray cells are removed
+CLAIMED = 0.5  # ours: a side with a larger share of seen cells beyond it is wrong
 OPEN_M, OPEN = 0.3, 0.9
-ROUND_CELLS = 1.0  # ours: by how much corners may be simplified
-NEAR_M = 0.035  # ours: a stretch of the contour, in the mean within this of a side, is part of it
-SLANT = 0.5  # ours: sine of the angle of a stretch that is not
-CORNER_M = 0.12  # ours: sides are prolonged to a common corner this far
+"""Ours: an opening in a side is this wide, a foot's length, and this share of the cells beyond it was seen."""
+ROUND_CELLS = 1.0  # ours: largest error of the simplified contour
+NEAR_M = 0.035  # ours: a part of the contour belongs to a side if its mean distance is less
+SLANT = 0.5  # ours: and if the sine of its angle to the side is less
+CORNER_M = 0.12  # ours: sides are prolonged by this at most to meet in a corner
 OUTVOTED, SHARED, ALONG = 4, 0.5, math.cos(math.radians(15.0))
 """Ours: a side is dropped beside one of at least `OUTVOTED` times as many images, which covers `SHARED` of its length and
 has its direction (cosine `ALONG`)."""
@@ -78,10 +78,10 @@ def outlines(
 
 
 def believed(cells: SeenCells, sides: Sequence[Side]) -> list[Side]:
-    """The sides, as far as the surface was not seen to go on beyond them.
+    """The sides without the parts beyond which the surface was seen to go on.
 
-    A line through an edge may be prolonged past its end, over an opening: there the cells beyond belie it, and there alone.
-    Of two sides that run beside each other within what cells tell, the surface has one: the one that more images showed.
+    A line may be prolonged past the end of its edge, over an opening; only that part is removed. Of two sides so close
+    beside each other that cells do not tell them apart, the one that more images showed remains.
     """
     if not sides:
         return []
@@ -101,7 +101,7 @@ def _outvotes(side: Side, other: Side) -> bool:
 
 
 def _stretches(mask: np.ndarray, first: Float[np.ndarray, "2"], side: Side) -> list[Side]:
-    """What is left of a side: nothing if most of it is belied just beyond, else all of it but wide openings."""
+    """The parts of a side: none if cells beyond most of it were seen, else all but its wide openings."""
     low, high = side.reach
     runs = np.arange(low + CELL_M / 2, high, CELL_M)
     outs = np.arange(CELL_M, OPEN_M, CELL_M)

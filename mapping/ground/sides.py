@@ -13,15 +13,18 @@ from jaxtyping import Float
 
 from .measured import Side
 
-TURN_RAD, SIGMAS = math.radians(8.0), 3.0  # ours: a line may differ by the larger
-MOST_M, LEAST_M = 0.08, 0.01  # ours: most and least gate across
-APART_M = 0.15  # ours: gap between parts of one side that were seen
+TURN_RAD, SIGMAS = (
+    math.radians(8.0),
+    3.0,
+)  # ours: lines of one side differ in direction by the larger of both at most
+MOST_M, LEAST_M = 0.08, 0.01  # ours: largest and smallest gate for their distance
+APART_M = 0.15  # ours: largest gap between two parts of one side
 
 
 def fuse(sides: list[Side], new: Side) -> None:
-    """Put a side among those of its surface: fused with the one that it is, else as another one.
+    """Fuse a measured side with the same side of the surface, or add it as a new one.
 
-    Of two that disagree on what is beyond, the one that more images showed stays.
+    Of two sides that disagree on what is beyond, the one that more images showed remains.
 
     Args:
         sides: Of the surface; changed.
@@ -58,7 +61,7 @@ def moved(side: Side, body: Float[np.ndarray, "2"], covariance: Float[np.ndarray
 
 
 def _apart(old: Side, new: Side) -> float | None:
-    """Distance across in the middle of what is new, in standard deviations; None if they are not one side."""
+    """Distance between two sides in the middle of the new one, in standard deviations; None if they differ."""
     if float(old.outward @ new.outward) <= 0.0:
         return None
     turn, _, P = _seen_from(old, new)

@@ -37,7 +37,7 @@ class Seen:
     Args:
         stay: Share of the frames that saw the cell of the map in which an obstacle stood there; NaN if not known.
         sensor: Mean position of the sensor, world frame, m; NaN if not known.
-        pose_variance: Mean variance of the place by the doubt of the pose, per axis, m^2.
+        pose_variance: Mean variance of the place by the uncertainty of the pose, per axis, m^2.
         noise_variance: Mean variance of the points by the noise of the sensor, per axis, m^2.
         colour: Mean colour, RGB from 0 to 255; NaN without a camera.
         occupancy: Probability that an obstacle covers the cell of the map; NaN if not known.

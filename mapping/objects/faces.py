@@ -193,7 +193,7 @@ def _longest_run(
 
 
 def _same(face: Face, normal: Float[np.ndarray, "2"], places: Float[np.ndarray, "k 2"]) -> bool:
-    """Whether a line is a stronger face once more, displaced by the doubt of the pose."""
+    """Whether a line is a stronger face once more, displaced by an error of the pose."""
     if face.normal @ normal < math.cos(math.radians(15.0)):
         return False
     along = places @ face.tangent

@@ -1,9 +1,9 @@
 """Sides of an outline: which of them were seen, and how well their places are known.
 
 A side was seen where columns lie on it that were seen from its outer side, over at least half of its length. The
-variance of its place has three parts: the doubt of the pose from which it was seen, which all its points share; the
+variance of its place has three parts: the uncertainty of the pose from which it was seen, which all its points share; the
 noise of its points, which averages over the length of the side; and the bias of a face in fused depth. Opposite sides
-share the doubt of the pose as far as both have it, because poses drift: what is added between two of them is the
+share the uncertainty of the pose as far as both have it, because poses drift: what is added between two of them is the
 difference of their variances. The shared part moves a box and leaves its size alone.
 
 Source: ours.
@@ -32,7 +32,7 @@ class Sides:
     Args:
         seen: Whether each was seen.
         sigma_m: Standard deviation of the place of each; NaN where it was not seen.
-        pose_m: The part of it that is the doubt of the pose.
+        pose_m: The part of it by the uncertainty of the pose.
     """
 
     seen: Bool[np.ndarray, "k"]

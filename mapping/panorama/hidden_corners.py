@@ -92,7 +92,7 @@ def with_hidden_corners(
 def _on_side(
     one: PanoramaObstacle, columns: _Column, centre: tuple[float, float], left: bool
 ) -> PanoramaObstacle:
-    """One obstacle with the doubt of one side."""
+    """One obstacle with the corner and the hidden width of one side."""
     sign = 1.0 if left else -1.0
     x, y = one.left_edge_m if left else one.right_edge_m
     edge = sign * math.atan2(y - centre[1], x - centre[0])

@@ -124,7 +124,7 @@ class PanoramaGap:
         left, right: Index in `Surroundings.obstacles` of the neighbour on that side; None at an end.
         left_rad, right_rad: Azimuths of its sides, left positive.
         width_m: Expected passable width, along y; positive. NaN at an end: nothing that was listed bounds it.
-        sigma_width_m: Its standard deviation, with the doubt of hidden corners; NaN without a width.
+        sigma_width_m: Its standard deviation, with the uncertainty of hidden corners; NaN without a width.
         hidden_m: Width that hidden corners take away at most: without them the gap is `hidden_m / 3` wider than
             `width_m`. They never make it wider.
         corners_seen: How many of the two corners that bound it are seen, to within `SEEN_M`.

@@ -32,9 +32,8 @@ SLIDES = 0.5  # ours: share of a step by which feet may slide that turn otherwis
 UNUSUAL = 4.0  # ours: deviations of drift and bias from which on one of them is still doubted
 MOST_BIAS, MOST_DRIFT, MOST_SLIP = 1.0, 1.0, 0.2
 """Ours: rad/s, rad per step and m per step; nobody walks beyond."""
-LIKELY = chi_square_quantile(
-    1.0 - 1e-7, 1
-)  # ours: of a turn alone; a walk has thousands, and a foot may slip once
+LIKELY = chi_square_quantile(1.0 - 1e-7, 1)
+"""Ours: of a turn alone; a walk has thousands, and a foot may slip once."""
 TURNED = np.ix_((YAW, TURN), (YAW, TURN))
 PLACE = [X, Y]
 

@@ -97,9 +97,9 @@ def straight_edges(
 def _folds(
     lines: Float[np.ndarray, "n f"], regions: list[Region], planes: Float[np.ndarray, "m 4"]
 ) -> tuple[Int[np.ndarray, "n"], Float[np.ndarray, "n 2"]]:
-    """Kinds of edges, by the planes where two planes meet, and the doubt of where they meet.
+    """Kinds of edges, by the planes where two planes meet, and the uncertainty of where they meet.
 
-    The doubt is large at a shallow fold, as at the foot of a ramp: between the places where a pixel is within
+    It is large at a shallow fold, as at the foot of a ramp: between the places where a pixel is within
     `MEET_SIGMAS` of both planes, the border may be anywhere.
 
     Args:

@@ -1,4 +1,4 @@
-"""Inclination of regions: level, a ramp, or upright, as far as the doubt of up and of the plane allows to say.
+"""Inclination of regions: level, a ramp, or upright, as far as the uncertainty of up and of the plane allows.
 
 Source: ours.
 """
@@ -40,7 +40,7 @@ def inclination(region: Region, prior: Plane) -> tuple[float, float]:
 
 
 def ramps(regions: list[Region], prior: Plane) -> list[int]:
-    """Indices of the regions that are inclined beyond doubt, and ground nevertheless.
+    """Indices of the regions that are certainly inclined and still ground: ramps.
 
     Of stairs seen along their pitch only the nosings are visible, and pixels and noise hide small steps. A plane of which
     that may hold is no ramp for sure.

@@ -22,7 +22,7 @@ from .region import EdgeKind, Region
 
 RISER_M = (0.08, 0.25)  # ours: building codes have .10 to .22; a higher step is climbed, not walked
 TREAD_M = (0.18, 0.45)  # ours: building codes have .21 to .36
-LEVEL_RAD = math.radians(6.0)  # ours: of a tread beside the doubt of up; ramps begin at 4 deg
+LEVEL_RAD = math.radians(6.0)  # ours: of a tread beside the uncertainty of up; ramps begin at 4 deg
 UPRIGHT_RAD = math.radians(15.0)  # ours: risers may lean
 PARALLEL_RAD, SAME_RAD = math.radians(8.0), math.radians(1.5)  # ours
 HEIGHT_M, PLACE_M = 0.03, 0.06  # ours: how far from even spacing a candidate may be, before the fit

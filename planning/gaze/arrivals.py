@@ -1,7 +1,7 @@
 """Directions from which something could have come near since the last look.
 
 Nothing is known of what is out of view. But something as fast as the fastest obstacle of this run may have come from
-the edge of the terrain map towards the robot. The doubt about a direction grows with the way that it had time for;
+the edge of the terrain map towards the robot. The uncertainty of a direction grows with the distance that an obstacle had time for;
 the robot's own walk adds to that ahead, and takes from it behind, where only something faster can catch up.
 
 Source: ours.

@@ -53,9 +53,8 @@ EDGE_DEG = 12.0  # margin to the sides of the view, where clusters are cut off
 TAG_VIEW_DEG = 90.0  # seed 000: field of view of the colour camera, which sees the landmarks
 TAG_REACH_M = 3.5  # farther landmarks are too small
 TAG_RANGE_PER_M = 0.0035  # standard deviation of a range to a landmark, divided by its square
-TAG_BEARING_RAD = math.radians(
-    0.4
-)  # standard deviation of a bearing: play of the head, roll of the gait
+TAG_BEARING_RAD = math.radians(0.4)
+"""Standard deviation of a bearing: play of the head, roll of the gait."""
 TAG_DOUBT = 0.4  # factor of the trust in a landmark after a look without a sighting
 TAG_FORGET_S = 10.0  # ours: a walk of some decimetres; time constant of the recovery of that trust
 
@@ -192,7 +191,7 @@ class AttentionModel:
     def _arrivals(
         self, obstacles: Sequence[Obstacle], known: GazeContext
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
-        """Places round the robot, relative to the camera, m, and the doubt about what may have come there."""
+        """Places round the robot, relative to the camera, m, and the value of a look there, where an obstacle may have come."""
         self._fastest_mps = arrivals.fastest(self._fastest_mps, obstacles)
         if known.grid is None or known.confidence is None:
             return np.zeros((0, 3)), np.zeros(0)

@@ -28,8 +28,8 @@ NEAR_M = 0.6  # distance below which that tilt is used
 SURVEY_PANS_DEG = (0.0, 40.0, 80.0, 40.0, 0.0, -40.0, -80.0, -40.0)  # views of 44 deg overlap
 GLANCE_PANS_DEG = (40.0, -40.0, 80.0, -80.0)
 REVISIT_S = 1.0
-"""Ours: two steps, rounded; a moving obstacle out of sight for longer is looked for ..."""
-REVISIT_M = 2.0  # ... within this distance
+"""Ours: two steps, rounded; the gaze looks for a moving obstacle that is out of sight for longer."""
+REVISIT_M = 2.0  # distance within which it does
 CLOSE_M, CLOSE_REVISIT_S = 1.2, 0.6  # the same for a close one
 UNWATCHED_S = 2.0  # ours: three steps; longest time without a look along the path
 VIEW_DEG = 44.0  # seed 004: horizontal field of view of the narrowest depth camera

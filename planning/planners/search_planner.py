@@ -43,9 +43,8 @@ from .settings import PlanningConfig
 
 DEPTH_M = 0.15  # ours: least depth of furniture behind a visible face
 HIDDEN = np.float32(0.6)  # ours: occupancy assumed behind a visible face
-MOVER_COST = np.float32(
-    0.4
-)  # ours: occupancy that the search assumes for cells of moving obstacles
+MOVER_COST = np.float32(0.4)
+"""Ours: occupancy that the search assumes for cells of moving obstacles."""
 
 
 class SearchPlanner:

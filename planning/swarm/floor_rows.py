@@ -19,12 +19,10 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose3
 
-UPRIGHT_RAD = math.radians(
-    0.05
-)  # ours: a roll that moves no pixel of 720 by more than a third of one
-SWAY_RAD = math.radians(
-    5.0
-)  # ours: in walking trials the trunk rolls by 2.8 deg in 1 % of the pictures
+UPRIGHT_RAD = math.radians(0.05)
+"""Ours: a roll that moves no pixel of 720 by more than a third of one."""
+SWAY_RAD = math.radians(5.0)
+"""Ours: in walking trials the trunk rolls by 2.8 deg in 1 % of the pictures."""
 MOST_ROLL_RAD = math.radians(45.0)
 
 

@@ -16,9 +16,8 @@ from perception.primitives import safe_input
 
 HOST = "127.0.0.1"
 PORT = 8080  # ours; another free one where it is taken
-OWN_HOST = re.compile(  # any port: the page may come through a tunnel
-    rf"(localhost|{re.escape(HOST)})(:[0-9]{{1,5}})?", re.ASCII | re.IGNORECASE
-)
+OWN_HOST = re.compile(rf"(localhost|{re.escape(HOST)})(:[0-9]{{1,5}})?", re.ASCII | re.IGNORECASE)
+"""Any port: the page may come through a tunnel."""
 LONGEST_COMMAND = 1000  # bytes
 
 

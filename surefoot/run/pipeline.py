@@ -163,7 +163,7 @@ class Pipeline:
         return seen.sightings if self._heights.agrees and self._floors.agrees else []
 
     def _doubts(self, report: UpdateReport | None) -> list[Doubt]:
-        """What localiser, floor and depth doubt in this frame."""
+        """Doubts of localiser, floor and depth in this frame."""
         found = [] if report is None else list(report.doubts)
         if not (self._floors.agrees and self._heights.agrees):
             found.append(Doubt("camera and joints disagree", SLOW))

@@ -1,4 +1,4 @@
-"""The map of a whole run with its doubt: probabilities against a true mesh, and walkable floor in any axes.
+"""The map of a whole run and its uncertainty: probabilities against a true mesh, and walkable floor in any axes.
 
 Replica's office, seen along its true trajectory with noise: of the cells that claim a probability, how many hold a
 surface between the lowest obstacle and the robot's top. The parameters of the map come from simulated walks.

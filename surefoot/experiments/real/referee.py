@@ -45,9 +45,8 @@ from .odometry_alarm import Broken, alarms
 from .replica_room import ReplicaRoom
 
 REPLICA_EVERY = 4  # of the 2000 poses; all of them would take the peers an hour
-PLAIN = np.array(
-    [0.01] * 3 + [math.radians(0.5)] * 3
-)  # of methods without covariances; only the ratio counts
+PLAIN = np.array([0.01] * 3 + [math.radians(0.5)] * 3)
+"""Of methods without covariances; only the ratio counts."""
 SHORTEST = 15  # motions in half a recording; with fewer no radius is known
 LEAST = 200
 """Motions in the second halves: chance moves the coverage by 3 % (one deviation) or less."""

@@ -83,7 +83,7 @@ def open3d_align(
         return None
     covariance = CORRELATED * max(square, LEAST_SIGMA_M**2) * np.linalg.inv(hessian)
     pose = Pose3.from_rotation(motion[:3, :3], motion[:3, 3])
-    return Alignment(pose, covariance, found.fitness)
+    return Alignment(pose, covariance)
 
 
 def squares(kind: str, room: str, offset_deg: float, seed: int) -> dict[str, float]:
