@@ -27,9 +27,7 @@ from .world_map import WorldMap
 
 FREE_BELOW = 0.5  # as for planners: a cell of a lower probability can be walked on
 SPECK_CELLS = 3  # ours: fewer occupied cells amid the floor are noise
-HOLE_M2 = (
-    0.10  # ours: smaller unseen areas within the floor, as below the robot's head, count as floor
-)
+HOLE_M2 = 0.10  # ours: unseen floor this small, as under the robot's chin, is floor
 AROUND = np.ones((3, 3), np.bool_)
 
 
@@ -74,11 +72,17 @@ class RoomMap:
     """The rooms of a map.
 
     Args:
+        labels: Number of the room of every cell; 0 for none.
+        origin: Lower left corner of cell [0, 0], world frame, m.
+        cell_m: Side of a cell, m.
         rooms: In the order of their numbers.
         doors: In the order of their rooms.
         floors: Numbers of the rooms that are joined by doors, for each storey, the largest first.
     """
 
+    labels: Int[np.ndarray, "rows columns"]
+    origin: Float[np.ndarray, "2"]
+    cell_m: float
     rooms: tuple[Room, ...]
     doors: tuple[Door, ...]
     floors: tuple[tuple[int, ...], ...]
@@ -127,7 +131,7 @@ def find(
         assert jambs is not None  # else it were no doorway
         doors.append(_door((first, second), jambs, variance, origin, cell_m))
     doors.sort(key=lambda door: door.rooms)
-    return RoomMap(tuple(rooms), tuple(doors), _floors(rooms, doors))
+    return RoomMap(labels, origin, cell_m, tuple(rooms), tuple(doors), _floors(rooms, doors))
 
 
 def _floor(

@@ -19,18 +19,22 @@ ORDER = 2.0  # ours: as the root of a mean square
 def gospa(
     estimated: Float[np.ndarray, "n d"],
     true: Float[np.ndarray, "m d"],
+    cutoff_m: float = CUTOFF_M,
+    order: float = ORDER,
 ) -> float:
     """Generalised optimal sub-pattern assignment distance, m.
 
     Args:
         estimated, true: Positions, m; either may be empty.
+        cutoff_m: Distance beyond which a pair is a missed object and a false track, positive.
+        order: p >= 1.
     """
-    half = CUTOFF_M**ORDER / 2.0
+    half = cutoff_m**order / 2.0
     if not len(estimated) or not len(true):
-        return float((half * (len(estimated) + len(true))) ** (1.0 / ORDER))
+        return float((half * (len(estimated) + len(true))) ** (1.0 / order))
     apart = np.linalg.norm(estimated[:, None] - true[None], axis=-1)
-    cost = np.minimum(apart, CUTOFF_M) ** ORDER
+    cost = np.minimum(apart, cutoff_m) ** order
     rows, columns = linear_sum_assignment(cost)
     pairs = cost[rows, columns]
     alone = len(estimated) + len(true) - 2 * len(pairs)
-    return float((pairs.sum() + half * alone) ** (1.0 / ORDER))
+    return float((pairs.sum() + half * alone) ** (1.0 / order))
