@@ -31,6 +31,7 @@ def common_covariance(
     inverse: Float[np.ndarray, "3 3"],
     change: Float[np.ndarray, "3"],
     rho: float,
+    slope: Float[np.ndarray, "3"],
     distortion: Distortion,
     edge: float,
 ) -> Float[np.ndarray, "3 3"]:
@@ -41,6 +42,7 @@ def common_covariance(
         inverse: Of the normal matrix of the fit.
         change: The last change of the slope; the sums were taken before it.
         rho: Distance of the plane of the sums, m.
+        slope: Of the fitted plane.
         distortion: Of the sensor.
         edge: Ray slope of the image's left and right edge.
     """
@@ -48,7 +50,7 @@ def common_covariance(
     used = cells[index]
     w = used[:, 6]
     rays = used[:, 4:7] / w[:, None]
-    q = used[:, 7] / w  # inverse depth
+    q = rays @ slope  # of the plane: the noise of measured depth would pass for a bend
     sigma = used[:, 8] / w / q**2
     field = distortion.field(rays[:, 0], rays[:, 1], 1.0 / q, sigma, edge) * q[:, None]
     if not field.shape[1]:

@@ -191,7 +191,9 @@ def _with_covariance(
     np.add.at(sums, row * kernels.CELLS + column, w * terms)
     inverse = np.linalg.inv(w * A.sum(axis=0))
     edge = max(float(np.max(np.abs(rays[:, 0]))), LEAST_EDGE)
-    common = common_covariance(sums, inverse, np.zeros(3), plane.offset_m, distortion, edge)
+    common = common_covariance(
+        sums, inverse, np.zeros(3), plane.offset_m, -plane.normal / plane.offset_m, distortion, edge
+    )
     J = slope_jacobian(plane)
     everywhere = plane.distance(points.xyz)
     near = _near(points, everywhere, plane.offset_m)

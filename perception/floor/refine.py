@@ -149,7 +149,7 @@ def refine(
             )
         common = (points.xyz, points.sigma, is_open, normal, rho)
         if number < len(bands) - 1:
-            kernels.moments(*common, wide, config.rough_m, A, g)
+            kernels.moments(*common, bend, wide, config.rough_m, A, g)
         else:
             near, core, below, cells = kernels.statistics(
                 *common,
@@ -178,7 +178,7 @@ def refine(
     J = slope_jacobian(Plane(normal, rho))
     own = J @ (factor * inverse) @ J.T
     edge = max(float(np.max(np.abs(points.xyz[:, 0] / points.xyz[:, 2]))), LEAST_EDGE)
-    common = J @ common_covariance(sums, inverse, change, before, distortion, edge) @ J.T
+    common = J @ common_covariance(sums, inverse, change, before, slope, distortion, edge) @ J.T
     plane = Plane(normal, rho, own + common)
     among_points = Plane(normal, rho, own)
     shares = (near / len(points), below / len(points), core / near)

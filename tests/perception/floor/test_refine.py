@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from perception.depth.distortion import Distortion
+from perception.depth.distortion import Distortion, DistortionConfig
 from perception.depth.points import Points
 from perception.floor import _fit_kernels as kernels
 from perception.floor.refine import RefineConfig, fuse, mixed, refine
@@ -174,7 +174,7 @@ def test_the_compiled_sums_equal_those_of_numpy():
     xyz = patch(rng, n, rho, 500) * (1.0 + 0.01 * rng.normal(size=(500, 1)))
     sigma = rng.uniform(0.002, 0.02, 500)
     A, g, is_open = np.zeros((3, 3)), np.zeros(3), rng.random(500) < 0.8
-    count = kernels.moments(xyz, sigma, is_open, n, rho, 2.5, 0.003, A, g)
+    count = kernels.moments(xyz, sigma, is_open, n, rho, np.zeros(500), 2.5, 0.003, A, g)
     z = xyz[:, 2]
     e = 1.0 / z + xyz @ n / (rho * z)  # 1/z - a.r
     variance = (sigma / z**2) ** 2 + (0.003 / (rho * z)) ** 2
@@ -224,3 +224,37 @@ def test_a_stereo_floor_is_fitted_as_in_disparity_space():
         mine.append(np.arccos(min(1.0, abs(float(plane.normal @ normal)))))
         space.append(np.arccos(min(1.0, abs(float(flat @ normal)))))
     assert np.median(space) > 2.0 * np.median(mine)
+
+
+def bent_patch(rng, fov_deg, height, pitch_deg, noise_m, ripples):
+    """A floor up to 4 m away, seen by a camera whose depth bends as the distortion says, and the true plane."""
+    edge, pitch = np.tan(np.radians(fov_deg / 2.0)), np.radians(pitch_deg)
+    u, v = np.meshgrid(np.linspace(-edge, edge, 80), np.linspace(-0.75 * edge, 0.75 * edge, 60))
+    rays = np.column_stack([u.ravel(), v.ravel(), np.ones(u.size)])
+    normal = np.array([0.0, -np.cos(pitch), -np.sin(pitch)])
+    rays = rays[-rays @ normal > height / 4.0]
+    z = -height / (rays @ normal)
+    sigma = noise_m * (0.3 + z * z)
+    bend = DistortionConfig().depth
+    field = bend.field(rays[:, 0], rays[:, 1], z, sigma, edge)
+    places = np.floor((rays[:, :2] + 2.0) * 6.0).astype(int)  # of ripples, 10 deg wide
+    local = ripples * bend.size(z, sigma) * rng.normal(size=(24, 24))[places[:, 0], places[:, 1]]
+    seen = z * (1.0 + field @ rng.normal(size=field.shape[1]) + local) + sigma * rng.normal(
+        size=z.size
+    )
+    return Points(rays * seen[:, None], sigma, np.arange(z.size)), Plane(normal, height)
+
+
+@pytest.mark.parametrize(
+    ("fov_deg", "height", "pitch_deg", "noise_m", "ripples"),
+    [(58.0, 0.9, 27.0, 0.002, 0.0), (90.0, 1.3, 45.0, 0.004, 0.25), (70.0, 1.1, 40.0, 0.001, 0.25)],
+)
+def test_the_covariance_of_a_bent_floor_holds(fov_deg, height, pitch_deg, noise_m, ripples):
+    squares = []
+    for seed in range(200):
+        rng = np.random.default_rng([seed, 11])
+        points, truth = bent_patch(rng, fov_deg, height, pitch_deg, noise_m, ripples)
+        plane = refine(points, truth, ScoreConfig(), RefineConfig(), DistortionConfig().depth).plane
+        error = plane.error_to(truth)
+        squares.append(float(error @ np.linalg.solve(plane.covariance, error)) / 3.0)
+    assert 0.85 < np.mean(squares) < 1.2  # its own deviation is 0.06
