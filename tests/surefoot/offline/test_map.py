@@ -206,7 +206,7 @@ def test_the_floor_is_height_zero_in_any_axes_of_the_poses_and_the_map_says_how_
 
 
 def test_the_distortion_of_a_depth_camera_is_removed_before_fusion(tmp_path):
-    lens = replace(CAMERA, distortion=(0.05, 0.0, 0.0, 0.0, 0.0))
+    lens = replace(CAMERA, distortion=(0.3, 0.0, 0.0, 0.0, 0.0))
     held = Held(up=(0.0, -1.0, 0.0))
     for k, frame in enumerate(held._frames):
         ray = frame.T_world_camera.rotation @ np.moveaxis(lens.rays, -1, 0).reshape(3, -1)

@@ -13,7 +13,7 @@ from surefoot.experiments.support import stair_views
 from surefoot.experiments.support.stair_views import Stairs
 
 UP, AHEAD = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
-TRUE = Stairs(0.18, 0.28, 5, AHEAD, np.array([0.1, 0.9, 1.0]), True)
+TRUE = Stairs(0.18, 0.28, 5, AHEAD, np.array([0.1, 0.9, 1.0]))
 
 
 def seen(riser=0.18, tread=0.28, turn=0.0, edge=TRUE.first_edge):

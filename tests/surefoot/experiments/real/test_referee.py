@@ -130,6 +130,6 @@ def test_a_slip_within_ten_frames_is_a_failure_and_an_alarm_after_it_too_late():
     assert not any(fails(shots(0.005), k) for k in range(20))
     assert [fails(shots(0.03), k) for k in (10, 13, 14, 19)] == [False, False, True, True]
     assert fails([Shot(Pose3(), Pose3(), "lost", True)], 0)
-    assert Event("a", "blur", 3, 4, False).caught
-    assert not Event("a", "blur", 5, 4, False).caught
-    assert not Event("a", "blur", None, 4, False).caught
+    assert Event("blur", 3, 4, False).caught
+    assert not Event("blur", 5, 4, False).caught
+    assert not Event("blur", None, 4, False).caught
