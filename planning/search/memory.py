@@ -17,8 +17,9 @@ from mapping.grid.evidence import OCCUPIED
 from mapping.grid.world_map import WorldMap
 
 REACH_M = 5.0  # ours: of memory beyond the local map; walls up to 13 m, a search within 10 ms
-LASTING_M = 1.0  # ours: what is shorter, a person or a chair, may be gone ...
-SHORT_S = 60.0  # ours: ... when it was not seen for so long; time to walk past the local map
+LASTING_M = 1.0
+"""Ours: what is shorter, a person or a chair, may be gone after `SHORT_S` without a sighting."""
+SHORT_S = 60.0  # ours: time to walk past the local map
 
 Ground = tuple[
     Float[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"], Float[np.ndarray, "2"]
@@ -31,7 +32,7 @@ Grown = tuple[Float[np.ndarray, "high wide"], Bool[np.ndarray, "high wide"], Flo
 def with_memory(ground: Ground, cell_m: float, world_map: WorldMap) -> Grown:
     """The local ground, grown to what stands within reach; the world map fills cells that the local map has not seen.
 
-    Not remembered is what moved when it was seen, and what is shorter than `LASTING_M` and was not seen for `SHORT_S`.
+    Not remembered is what moved when it was seen, and what is shorter than `LASTING_M` once it was not seen for `SHORT_S`.
 
     Args:
         ground: The local map.
