@@ -1,4 +1,4 @@
-"""Arguments of the compiled rollouts of the guard: columns of a plan, limits, costs, discs and cells."""
+"""Arguments of the compiled rollouts of the guard: columns of a plan, limits, costs, discs, cells and movers."""
 
 from __future__ import annotations
 
@@ -76,3 +76,21 @@ class Cells(NamedTuple):
 
     places: np.ndarray
     needed: np.ndarray
+
+
+class Movers(NamedTuple):
+    """Obstacles that may move, relative to a robot that is surely where its mean is: k obstacles, n samples, m modes.
+
+    Args:
+        weights: (k, n, m) probabilities of the modes.
+        means: (k, n, m, 2) places, world frame, m.
+        covariances: (k, n, m, 2, 2), m^2.
+        widest: (k, n, m) their largest standard deviations, m.
+        radii: (k,) distances of contact, m.
+    """
+
+    weights: np.ndarray
+    means: np.ndarray
+    covariances: np.ndarray
+    widest: np.ndarray
+    radii: np.ndarray

@@ -19,6 +19,7 @@ from ._guard_arguments import (
     TURN,
     Cells,
     Gait,
+    Movers,
 )
 
 CHORDS, SHARES = np.polynomial.legendre.leggauss(10)
@@ -125,53 +126,126 @@ def disc_mass(x: float, y: float, xx: float, yy: float, xy: float, radius: float
 
 
 @njit(cache=True)
-def risks(
-    robot: np.ndarray, plans: np.ndarray, target: np.ndarray, gait: Gait,
-    weights: np.ndarray, means: np.ndarray, covariances: np.ndarray, radii: np.ndarray,
-) -> np.ndarray:  # fmt: skip
-    """Probability of contact on every plan (c, 8) at n samples: its start, then the middle and the end of each step.
-
-    Of each mode of an obstacle the most dangerous instant counts: the error of a prediction hardly changes from one
-    instant to the next. Modes exclude each other, obstacles are independent.
-
-    Args:
-        robot, plans, target, gait: As in `walked`.
-        weights, means, covariances: (k, n, m), (k, n, m, 2) and (k, n, m, 2, 2) of k obstacles relative to a robot
-            that is surely where its mean is; m modes.
-        radii: (k,) distances of contact, m.
-    """
-    found = np.zeros(len(plans))
-    obstacles, samples, modes = weights.shape
-    steps = samples // 2
-    widest = np.empty((obstacles, samples, modes))
+def spreads(covariances: np.ndarray) -> np.ndarray:
+    """(k, n, m) largest standard deviations of covariances (k, n, m, 2, 2), m."""
+    obstacles, samples, modes = covariances.shape[:3]
+    found = np.empty((obstacles, samples, modes))
     for k in range(obstacles):
         for n in range(samples):
             for m in range(modes):
                 P = covariances[k, n, m]
                 half = 0.5 * (P[0, 0] - P[1, 1])
                 apart = math.sqrt(half * half + P[0, 1] * P[0, 1])
-                widest[k, n, m] = math.sqrt(max(0.5 * (P[0, 0] + P[1, 1]) + apart, 1e-12))
+                found[k, n, m] = math.sqrt(max(0.5 * (P[0, 0] + P[1, 1]) + apart, 1e-12))
+    return found
+
+
+@njit(cache=True)
+def risk(
+    robot: np.ndarray, plan: np.ndarray, target: np.ndarray, gait: Gait, steps: int, rests: int,
+    movers: Movers, most: float,
+) -> float:  # fmt: skip
+    """Probability of contact on the first steps of a plan: at its start, in the middle and at the end of each step.
+
+    Then the robot stands for some steps: else backing away would do as long as plans are judged.
+
+    Of each mode of an obstacle the most dangerous instant counts: the error of a prediction hardly changes from one
+    instant to the next. Modes exclude each other, obstacles are independent.
+
+    Args:
+        robot, plan, target, gait, steps: As in `walked`.
+        rests: Steps for which it stands.
+        movers: At 2 * (`steps` + `rests`) samples or more.
+        most: A result of this or more means only that the probability is not less.
+    """
+    weights, means, widest = movers.weights, movers.means, movers.widest
+    places = walked(robot, plan, target, gait, steps)
+    spared = 1.0
+    for k in range(weights.shape[0]):
+        touched = 0.0
+        for m in range(weights.shape[2]):
+            worst = 0.0
+            for n in range(2 * (steps + rests)):
+                if weights[k, n, m] <= max(worst, LEAST):
+                    continue
+                here = robot if n == 0 else places[min(n, 2 * steps) - 1]
+                x, y = means[k, n, m, 0] - here[0], means[k, n, m, 1] - here[1]
+                gap = math.sqrt(x * x + y * y) - movers.radii[k]
+                if gap > FAR * widest[k, n, m]:
+                    continue
+                beyond = 0.5 * math.erfc(gap / (ROOT2 * widest[k, n, m]))  # of a half plane
+                if weights[k, n, m] * beyond > max(worst, LEAST):
+                    P = movers.covariances[k, n, m]
+                    mass = disc_mass(x, y, P[0, 0], P[1, 1], P[0, 1], movers.radii[k])
+                    worst = max(worst, weights[k, n, m] * mass)
+            touched += worst
+        spared *= 1.0 - min(touched, 1.0)
+        if 1.0 - spared >= most:
+            break
+    return 1.0 - spared
+
+
+@njit(cache=True)
+def risks(
+    robot: np.ndarray, plans: np.ndarray, target: np.ndarray, gait: Gait, steps: int, rests: int,
+    movers: Movers,
+) -> np.ndarray:  # fmt: skip
+    """`risk` of every plan (c, 8)."""
+    found = np.empty(len(plans))
     for i in range(len(plans)):
-        places = walked(robot, plans[i], target, gait, steps)
-        spared = 1.0
-        for k in range(obstacles):
-            touched = 0.0
-            for m in range(modes):
-                worst = 0.0
-                for n in range(samples):
-                    if weights[k, n, m] <= max(worst, LEAST):
-                        continue
-                    here = robot if n == 0 else places[n - 1]
-                    x, y = means[k, n, m, 0] - here[0], means[k, n, m, 1] - here[1]
-                    gap = math.sqrt(x * x + y * y) - radii[k]
-                    if gap > FAR * widest[k, n, m]:
-                        continue
-                    beyond = 0.5 * math.erfc(gap / (ROOT2 * widest[k, n, m]))  # of a half plane
-                    if weights[k, n, m] * beyond > max(worst, LEAST):
-                        P = covariances[k, n, m]
-                        mass = disc_mass(x, y, P[0, 0], P[1, 1], P[0, 1], radii[k])
-                        worst = max(worst, weights[k, n, m] * mass)
-                touched += worst
-            spared *= 1.0 - min(touched, 1.0)
-        found[i] = 1.0 - spared
+        found[i] = risk(robot, plans[i], target, gait, steps, rests, movers, 2.0)
+    return found
+
+
+@njit(cache=True)
+def cheapest(
+    robot: np.ndarray, plans: np.ndarray, target: np.ndarray, gait: Gait, steps: int, rests: int,
+    movers: Movers, costs: np.ndarray, risk_cost: float,
+) -> int:  # fmt: skip
+    """Number of the plan (c, 8) with the least sum of its cost and `risk_cost` times its `risk`.
+
+    In the order of their costs, so that most risks need not be computed to the end, or at all.
+
+    Args:
+        robot, plans, target, gait, steps, rests, movers: As for `risk`.
+        costs: (c,), infinite for plans that are not allowed.
+        risk_cost: In the unit of the costs.
+    """
+    best, least = 0, math.inf
+    for i in np.argsort(costs, kind="mergesort"):
+        if costs[i] >= least:
+            break
+        most = (least - costs[i]) / risk_cost
+        found = risk(robot, plans[i], target, gait, steps, rests, movers, most)
+        if costs[i] + risk_cost * found < least:
+            best, least = i, costs[i] + risk_cost * found
+    return best
+
+
+@njit(cache=True)
+def out_of_view(
+    robot: np.ndarray, plans: np.ndarray, target: np.ndarray, gait: Gait, steps: int, movers: Movers,
+    reach: float, near: float, far: float,
+) -> np.ndarray:  # fmt: skip
+    """Expected number of near movers that every plan (c, 8) has out of view after some steps.
+
+    Args:
+        robot, plans, target, gait, steps, movers: As for `risk`.
+        reach: Largest bearing that is seen with the head turned, rad.
+        near, far: Up to `near`, m, a mover counts whole, beyond `far` not at all.
+    """
+    found = np.zeros(len(plans))
+    n = 2 * steps - 1
+    for i in range(len(plans)):
+        x, y, yaw = walked(robot, plans[i], target, gait, steps)[n]
+        for k in range(movers.weights.shape[0]):
+            for m in range(movers.weights.shape[2]):
+                dx, dy = movers.means[k, n, m, 0] - x, movers.means[k, n, m, 1] - y
+                away = math.sqrt(dx * dx + dy * dy)
+                if away >= far:
+                    continue
+                bearing = math.atan2(dy, dx) - yaw
+                bearing = (bearing + math.pi) % (2.0 * math.pi) - math.pi
+                if abs(bearing) > reach:
+                    found[i] += movers.weights[k, n, m] * min((far - away) / (far - near), 1.0)
     return found

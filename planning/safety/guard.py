@@ -5,10 +5,12 @@ from the side and from behind. Before each step the guard rolls out many plans (
 back, wait, then go on) for 7.8 s against the predicted obstacles, with a distance that grows with their covariance,
 and against the occupied cells.
 
-The probability of contact with what may move, in the next seconds, is bounded (`risk`): of the plans that keep the
-bound the cheapest is walked, and if none does, the least dangerous until its end. Where the bound rules out the cheapest
-plan, those that soon touch something static are ruled out too. A bound on the next seconds alone would make the robot
-back away before somebody who is faster: the cheapest plan is walked if it is less dangerous until its end.
+The plan with the least expected cost is walked: a part of it is the probability of contact with what may move, until
+the end of the plan and some steps of standing. Small risks are avoided where that is cheap, and somebody is given way
+before he is near. Another part is the number of movers that a plan leaves behind the range of the neck: what is out of
+view comes from behind unnoticed. The probability of contact in the next seconds is bounded (`risk`): if that plan exceeds
+the bound, the best of those that keep it is walked, unless it is more dangerous until its end. Such a bound alone would
+make the robot back away before somebody who is faster.
 
 A moving obstacle follows the motion pattern learnt for it. Without a pattern it goes straight on or reverses at any
 time, and a plan is charged for every position from which the robot could not leave its path in time. The end of a
@@ -23,7 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -46,9 +48,6 @@ from .prediction import MotionPatterns
 from .risk import Risk
 
 SHOWN = 6  # steps of a plan that viewers draw
-SAME_SHARE, SAME_RISK = 0.4, 0.01
-"""Ours: plans whose risks differ by less than this share, or this much, are equally dangerous: claimed risks agree with
-simulated futures to a fifth and 3 %."""
 
 
 class Guard:
@@ -110,51 +109,31 @@ class Guard:
         return [self.patterns.propagated(obstacle, stamp_s) for obstacle in everything]
 
     def _safest(self, desired: WalkCommand, scene: _Scene) -> WalkCommand:
-        wishes = _desired_plans(desired, self.robot.gait)[:1]
-        self.word = "guard"
-        harm, _ = scene.judge(wishes)
-        self.risk = float(scene.risks(wishes)[0])
-        if harm[0] <= constants.PASS_M and self.risk <= self.config.risk:
-            self._present, self.ahead = None, scene.poses(wishes[0])
+        wish, bound = _desired_plans(desired, self.robot.gait)[:1], self.config.risk
+        harm, _ = scene.judge(wish)
+        harm += constants.EXPECTED_CONTACT_M * scene.risks(wish, to_the_end=True)
+        self.word, self.risk = "guard", float(scene.risks(wish)[0])
+        if harm[0] <= constants.PASS_M and self.risk <= bound:
+            self._present, self.ahead = None, scene.poses(wish[0])
             return desired
         plans = self._candidates(desired)
-        best = self._cheapest(plans, scene, np.ones(len(plans), np.bool_))
-        self.risk = float(scene.risks(plans[best : best + 1])[0])
-        if self.risk > self.config.risk:
-            best = self._least_dangerous(plans, scene, best)
-            self.risk = float(scene.risks(plans[best : best + 1])[0])
+        harm, cost = scene.judge(plans)
+        touches = scene.touches(plans)
+        cost += constants.OUT_OF_VIEW_M * scene.out_of_view(plans)
+        cost += constants.EXPECTED_CONTACT_M * touches
+        cost[1] -= self.config.keep_m + self.config.keep_share * harm[1]  # the present plan
+        best = scene.cheapest(plans, cost)
+        if scene.risks(plans[[best]])[0] > bound:
+            self.word = "least risk"
+            keeps = (scene.risks(plans) <= bound) & ~touches
+            if keeps.any():
+                other = scene.cheapest(plans, np.where(keeps, cost, math.inf))
+                later = scene.risks(plans[[best, other]], to_the_end=True)
+                if later[1] <= later[0]:
+                    self.word, best = "guard", other
+        self.risk = float(scene.risks(plans[[best]])[0])
         self._present, self.ahead = plans[best].copy(), scene.poses(plans[best])
         return desired if best == 0 else scene.step(plans[best])
-
-    def _cost(self, plans: np.ndarray, scene: _Scene, allowed: np.ndarray) -> np.ndarray:
-        """Cost of the allowed plans, m, infinite if not the least; the present one, number 1, is preferred."""
-        harm, cost = scene.judge(plans[allowed], prune=True)
-        present = (allowed == 1) & np.isfinite(cost)
-        cost[present] -= self.config.keep_m + self.config.keep_share * harm[present]
-        return cost
-
-    def _least_dangerous(self, plans: np.ndarray, scene: _Scene, cheapest: int) -> int:
-        """The cheapest plan that keeps the bound, unless the cheapest of all is less dangerous until its end.
-
-        If none keeps the bound, the cheapest of those as good as the least dangerous until its end; a contact that is
-        sure is never as good as one that is only likely.
-        """
-        danger, bound = scene.dangers(plans), self.config.risk
-        if danger.min() <= bound:
-            best = self._cheapest(plans, scene, danger <= bound)
-            later = scene.dangers(plans[[cheapest, best]], to_the_end=True)
-            if later[1] <= later[0]:
-                return best
-            self.word = "least risk"
-            return cheapest
-        self.word, danger = "least risk", scene.dangers(plans, to_the_end=True)
-        least = float(danger.min())
-        as_good = danger <= least + max(SAME_SHARE * least, SAME_RISK)
-        return self._cheapest(plans, scene, as_good & ((danger < 1.0) | (least == 1.0)))
-
-    def _cheapest(self, plans: np.ndarray, scene: _Scene, allowed: Bool[np.ndarray, "c"]) -> int:
-        among = np.flatnonzero(allowed)
-        return int(among[np.argmin(self._cost(plans, scene, among))])
 
     def _candidates(self, desired: WalkCommand) -> np.ndarray:
         """All plans: first the desired step and then pursuit, second the rest of the present plan."""
@@ -209,9 +188,6 @@ class _Scene:
         for obstacle in everything:
             hypotheses.add(obstacle)
         self._risk = Risk(robot, everything, stamp_s, config, model, patterns)
-        self._risk_to_the_end = partial(
-            Risk, robot, everything, stamp_s, config, model, patterns, config.steps * gait.step_s
-        )
         for line in patterns.lost(obstacles, stamp_s):
             hypotheses.add_lost(line)
         self._limits = gait
@@ -233,8 +209,8 @@ class _Scene:
             max_sigma_m=config.sigmas * config.max_sigma_m,
         )
 
-    def judge(self, plans: np.ndarray, prune: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Cost of obstacles, and total cost, of every plan, m; infinite for a plan given up early."""
+    def judge(self, plans: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Cost of obstacles, and total cost, of every plan, m."""
         results = np.empty((len(plans), 4))
         kernels.roll_out(
             self._robot,
@@ -244,27 +220,29 @@ class _Scene:
             self._discs,
             self._cells,
             self._costs,
-            prune,
             results,
         )
         harm = results[:, 0] + results[:, 1]
         return harm, harm + results[:, 2] + constants.HEADING_COST_M * results[:, 3]
 
-    def risks(self, plans: np.ndarray) -> np.ndarray:
-        """Probability of contact on every plan."""
-        return self._risk.of(plans, self._robot, self._target, self._gait)
+    def risks(self, plans: np.ndarray, to_the_end: bool = False) -> Float[np.ndarray, "c"]:
+        """Probability of contact with what may move on every plan, in the time of the bound or until its end."""
+        return self._risk.of(plans, self._robot, self._target, self._gait, to_the_end)
 
-    def dangers(self, plans: np.ndarray, to_the_end: bool = False) -> Float[np.ndarray, "c"]:
-        """Probability of contact on every plan, in the time of the bound or to its end.
-
-        A plan that touches an occupied cell in the time of the bound is as dangerous as a contact that is sure.
-        """
-        touches = _risk_kernels.touch_cells(
+    def touches(self, plans: np.ndarray) -> Bool[np.ndarray, "c"]:
+        """Whether every plan touches an occupied cell in the time of the bound."""
+        found: np.ndarray = _risk_kernels.touch_cells(
             self._robot, plans, self._target, self._gait, self._risk.steps, self._cells
         )
-        risk = self._risk_to_the_end() if to_the_end else self._risk
-        found = risk.of(plans, self._robot, self._target, self._gait)
-        return np.where(touches, 1.0, found)
+        return found
+
+    def out_of_view(self, plans: np.ndarray) -> Float[np.ndarray, "c"]:
+        """Expected number of near movers that every plan has out of view after the time of the bound."""
+        return self._risk.out_of_view(plans, self._robot, self._target, self._gait)
+
+    def cheapest(self, plans: np.ndarray, cost: Float[np.ndarray, "c"]) -> int:
+        """Number of the plan with the least expected cost: its own, and that of a contact until its end."""
+        return self._risk.cheapest(plans, cost, self._robot, self._target, self._gait)
 
     def step(self, plan: np.ndarray) -> WalkCommand:
         """The first step of a plan, as the kernel makes it; a plan whose first part is over may pursue the target."""

@@ -1,14 +1,16 @@
 """Probability of contact with what may move, on a plan.
 
 The error of the pose, that of the size, and the modes of motion of every obstacle count together. The horizon of the
-bound is short: what lies beyond it the robot decides anew, with new detections. Of an obstacle that more likely stands only the
-chance that it goes counts: its place is kept clear by the distances of the guard and by the occupied cells.
+bound, and of what is claimed, is short: what lies beyond it the robot decides anew, with new detections. The cost of a
+plan counts the risk until its end. Of an obstacle that more likely stands only the chance that it goes counts: its place
+is kept clear by the distances of the guard and by the occupied cells.
 
 Source: ours; chance constraints as in Blackmore, Ono and Williams 2011, over a mixture of motion modes.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,8 +22,17 @@ from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.robot_model import RobotModel
 
 from . import _risk_kernels
-from ._guard_arguments import Gait
-from .guard_settings import RISK_S, SIZE_SIGMA_M, GuardConfig
+from ._guard_arguments import Gait, Movers
+from .guard_settings import (
+    EXPECTED_CONTACT_M,
+    FAR_M,
+    HALF_VIEW_DEG,
+    NEAR_M,
+    REST_STEPS,
+    RISK_S,
+    SIZE_SIGMA_M,
+    GuardConfig,
+)
 from .hypotheses import Ahead, may_move
 from .prediction import MotionPatterns
 
@@ -37,7 +48,6 @@ class Risk:
         config: GuardConfig,
         model: RobotModel,
         patterns: MotionPatterns,
-        horizon_s: float = RISK_S,
     ) -> None:
         """Predict them.
 
@@ -48,26 +58,29 @@ class Risk:
             config: Settings of the guard.
             model: Size of the body, length of a step.
             patterns: Motion patterns learnt from the tracks.
-            horizon_s: For how long.
         """
         half = model.gait.step_s / 2.0
-        self.steps = max(round(horizon_s / model.gait.step_s), 1)
-        """Footsteps in that time."""
-        times = half * np.arange(1, 2 * self.steps + 1)
+        self.steps = min(max(round(RISK_S / model.gait.step_s), 1), config.steps)
+        """Footsteps in the time of the bound."""
+        self._all_steps = config.steps
+        self._reach = math.radians(min(model.head.pan_deg + HALF_VIEW_DEG, 180.0))
+        times = half * np.arange(1, 2 * (config.steps + REST_STEPS) + 1)
         movers = [one for one in obstacles if may_move(one)]
         doubt = robot.covariance[:2, :2] + np.eye(2) * SIZE_SIGMA_M**2
         modes = max((5 if one.motion is not None else 2 for one in movers), default=1)
         shape = (len(movers), len(times), modes)
-        self._weights, self._means = np.zeros(shape), np.zeros((*shape, 2))
-        self._covariances = np.zeros((*shape, 2, 2))
+        weights, means = np.zeros(shape), np.zeros((*shape, 2))
+        covariances = np.zeros((*shape, 2, 2))
         for k, one in enumerate(movers):
             ahead = Ahead.of(one, stamp_s, times, patterns, config)
             own = slice(ahead.weights.shape[1])
-            self._weights[k, :, own], self._means[k, :, own] = ahead.weights, ahead.means
+            weights[k, :, own], means[k, :, own] = ahead.weights, ahead.means
             if one.moving < MOVING:
-                self._weights[k, :, : GOING if one.motion is not None else 1] = 0.0
-            self._covariances[k, :, own] = ahead.covariances + doubt
-        self._radii = np.array([model.radius_m + one.radius_m for one in movers], np.float64)
+                weights[k, :, : GOING if one.motion is not None else 1] = 0.0
+            covariances[k, :, own] = ahead.covariances + doubt
+        radii = np.array([model.radius_m + one.radius_m for one in movers], np.float64)
+        widest = _risk_kernels.spreads(covariances)
+        self._movers = Movers(weights, means, covariances, widest, radii)
 
     def of(
         self,
@@ -75,16 +88,54 @@ class Risk:
         robot: Float[np.ndarray, "3"],
         target: Float[np.ndarray, "2"],
         gait: Gait,
+        to_the_end: bool = False,
     ) -> Float[np.ndarray, "c"]:
-        """Probability of contact on every plan of the guard."""
+        """Probability of contact on every plan of the guard, in the time of the bound or until its end."""
+        steps, rests = (self._all_steps, REST_STEPS) if to_the_end else (self.steps, 0)
         found: np.ndarray = _risk_kernels.risks(
+            robot, np.ascontiguousarray(plans), target, gait, steps, rests, self._movers
+        )
+        return found
+
+    def cheapest(
+        self,
+        plans: Float[np.ndarray, "c 8"],
+        costs: Float[np.ndarray, "c"],
+        robot: Float[np.ndarray, "3"],
+        target: Float[np.ndarray, "2"],
+        gait: Gait,
+    ) -> int:
+        """Number of the plan with the least expected cost: its own, m, and that of a contact until its end."""
+        found: int = _risk_kernels.cheapest(
             robot,
             np.ascontiguousarray(plans),
             target,
             gait,
-            self._weights,
-            self._means,
-            self._covariances,
-            self._radii,
+            self._all_steps,
+            REST_STEPS,
+            self._movers,
+            costs,
+            EXPECTED_CONTACT_M,
+        )
+        return found
+
+    def out_of_view(
+        self,
+        plans: Float[np.ndarray, "c 8"],
+        robot: Float[np.ndarray, "3"],
+        target: Float[np.ndarray, "2"],
+        gait: Gait,
+    ) -> Float[np.ndarray, "c"]:
+        """Expected number of near movers that every plan has behind the range of the neck after the time of the bound."""
+        found: np.ndarray = _risk_kernels.out_of_view(
+            robot,
+            np.ascontiguousarray(plans),
+            target,
+            gait,
+            self.steps,
+            self._movers,
+            self._reach,
+            NEAR_M,
+            FAR_M,
         )
         return found

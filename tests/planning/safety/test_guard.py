@@ -78,7 +78,7 @@ def test_a_track_of_what_stands_in_occupied_cells_is_not_charged_beside_them(in_
     cells = door(half)
     if not in_cells:  # no cell shows the same thing
         cells = cells[np.hypot(*(cells - [0.4, half + 0.05]).T) > 0.15]
-    frame = mover(0.4, half + 0.05, 0.0, 0.0, moving=0.01)
+    frame = mover(0.4, half + 0.05, 0.0, 0.0, moving=0.001)
     wish = limited_step(GAIT, 0.05, 0.0, 0.0)
     made = choose(wish, at(Pose2()), [frame], cells, np.array([1.5, 0.0]), CONFIG)
     assert (made == wish) == passes
@@ -93,10 +93,10 @@ def test_a_track_of_what_stands_in_occupied_cells_is_not_charged_beside_them(in_
     ],
 )
 def test_the_half_step_after_the_last_command_is_taken_into_account(first, later_s, stays):
-    """An obstacle passes 35 cm ahead: enough for a standing robot, not for one that still moves on."""
+    """An obstacle passes 37 cm ahead: enough for a standing robot, not for one that still moves on."""
     guard, stand = Guard(CONFIG, DARWIN_OP), limited_step(GAIT, 0.0, 0.0, 0.0)
     guard.choose(first, at(Pose2()), [], NOTHING, np.array([2.0, 0.0]), 0.0)
-    by = mover(0.35, 0.3, 0.0, -0.06, later_s)
+    by = mover(0.37, 0.3, 0.0, -0.06, later_s)
     chosen = guard.choose(stand, at(Pose2()), [by], NOTHING, np.zeros(2), later_s)
     assert (chosen == stand) is stays
 
@@ -127,7 +127,7 @@ def test_after_evading_the_robot_turns_to_its_target(bearing):
     target = 1.2 * np.array([math.cos(bearing), math.sin(bearing)])
     stand = limited_step(GAIT, 0.0, 0.0, 0.0)
     guard, last, pose = Guard(CONFIG, DARWIN_OP), stand, Pose2()
-    for k in range(12):
+    for k in range(14):
         now = 0.65 * k
         comes = mover(0.6 - 0.06 * now, 0.0, -0.06, 0.0, now)
         step = guard.choose(stand, at(pose), [comes], NOTHING, target, now)
@@ -223,7 +223,7 @@ def test_a_robot_of_any_size_walks_between_cells_that_its_disc_does_not_reach(ra
 
 def test_the_robot_does_not_follow_an_obstacle_that_may_reverse_closely():
     wish = footstep(0.0, 0.10, Pose2(), GAIT)
-    away = mover(0.52, 0.0, 0.06, 0.0)
+    away = mover(0.60, 0.0, 0.06, 0.0)
     target = np.array([1.0, 0.0])
     doubting = replace(CONFIG, sigmas=0.0)
     assert choose(wish, at(Pose2()), [away], NOTHING, target, doubting, stamp_s=0.0) is not wish

@@ -1,4 +1,4 @@
-"""The kernels of the guard: pruning and sharing change no result, distances follow the covariances."""
+"""The kernels of the guard: leaving out and sharing change no result, distances follow the covariances."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from perception.primitives.obstacle import Obstacle
 from perception.primitives.robot_model import DARWIN_OP
 from planning.commands import WalkCommand
 from planning.safety import _guard_arguments, _guard_kernels
-from planning.safety.guard import Guard, GuardConfig, _desired_plans, _fixed_plans, _Scene, choose
-from planning.safety.guard_settings import CONTACT_COST_M, PASS_M
+from planning.safety.guard import Guard, GuardConfig, _desired_plans, _fixed_plans, _Scene
+from planning.safety.guard_settings import CONTACT_COST_M, EXPECTED_CONTACT_M, PASS_M
 from planning.safety.prediction import MotionPatterns
 
 CONFIG = GuardConfig()
@@ -22,13 +22,17 @@ WITHOUT_MEMORY = replace(CONFIG, keep_m=0.0, keep_share=0.0)
 GAIT = DARWIN_OP.gait
 
 
-def judged_plans(desired, robot, obstacles, occupied, target):
-    """(first step, harm) of every plan, all rolled out to the end, the best first."""
-    plans = np.concatenate([_desired_plans(desired, GAIT), _fixed_plans(CONFIG.steps, GAIT)])
-    scene = _Scene(
+def scene_of(robot, obstacles, occupied, target):
+    return _Scene(
         robot, obstacles, occupied, target, WITHOUT_MEMORY, DARWIN_OP, 0.0, MotionPatterns(),
         Guard(CONFIG).cell_distance_m,
     )  # fmt: skip
+
+
+def judged_plans(desired, robot, obstacles, occupied, target):
+    """(first step, harm) of every plan, all rolled out to the end, the best first."""
+    plans = np.concatenate([_desired_plans(desired, GAIT), _fixed_plans(CONFIG.steps, GAIT)])
+    scene = scene_of(robot, obstacles, occupied, target)
     harm, cost = scene.judge(plans)
     order = np.argsort(cost, kind="stable")
     if harm[0] <= PASS_M:
@@ -50,12 +54,16 @@ def crowd(seed):
     return robot, movers, wall, rng.uniform(-2, 2, 2)
 
 
+@pytest.mark.parametrize("forbidden", [0.0, 0.9])
 @pytest.mark.parametrize("seed", range(20))
-def test_a_pruned_plan_is_never_the_best(seed):
+def test_risks_left_out_in_the_search_change_no_choice(seed, forbidden):
     robot, movers, wall, target = crowd(seed)
-    desired = WalkCommand(0.0455, 0.0, 0.0)
-    chosen = choose(desired, robot, movers, wall, target, WITHOUT_MEMORY, stamp_s=0.0)
-    assert chosen == judged_plans(desired, robot, movers, wall, target)[0][0]
+    scene = scene_of(robot, movers, wall, target)
+    plans = _fixed_plans(CONFIG.steps, GAIT)
+    _, cost = scene.judge(plans)
+    cost[np.random.default_rng(seed).random(len(plans)) < forbidden] = math.inf
+    every = cost + EXPECTED_CONTACT_M * scene.risks(plans, to_the_end=True)
+    assert scene.cheapest(plans, cost) == np.argmin(every)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -94,7 +102,7 @@ def test_plans_with_a_shared_first_part_have_the_same_cost_as_alone():
     needed = np.tile([0.185, 0.15], (20, 1))
     costs = _guard_arguments.Costs(0.1, 0.15, 40.0, 0.05, 4.0, 8.0, 1.3, 1.0, 0.15)
     gait = _guard_arguments.Gait(0.1, 0.65, 0.1, 0.05)
-    fixed = (gait, discs, _guard_arguments.Cells(cells, needed), costs, False)
+    fixed = (gait, discs, _guard_arguments.Cells(cells, needed), costs)
 
     def judged(some):
         results = np.empty((len(some), 4))
