@@ -50,8 +50,9 @@ def footstep(
     """The next step towards a heading at a speed.
 
     The robot turns as far as one step allows. The speed falls with the cosine of the remaining heading error;
-    from 90 degrees on the robot turns on the spot. Near a target the steps of a turn are so short that their circle is half as
-    wide as the target is far: else the robot would go round it for ever.
+    from 90 degrees on the robot turns on the spot. No step is longer than the target is far, and near a target the steps of a
+    turn are so short that their circle is half as wide as the target is far: else the robot would pass it, or go round it, for
+    ever.
 
     Args:
         heading_rad: Desired direction of walking, world frame.
@@ -62,7 +63,7 @@ def footstep(
     """
     error = wrap_angle(heading_rad - robot.yaw)
     turn = min(max(error, -gait.max_turn_rad), gait.max_turn_rad)
-    slowed = speed_mps * max(0.0, math.cos(error - turn))
+    slowed = min(speed_mps, away_m / gait.step_s) * max(0.0, math.cos(error - turn))
     if turn != error:
         slowed = min(slowed, away_m / 2.0 * gait.max_turn_rad / gait.step_s)
     return limited_step(gait, slowed, 0.0, turn)

@@ -202,7 +202,8 @@ class AvoidancePlanner(GoalSeeker):
         self._settle = max(self._settle - 1, 0)
         if self._settle == 0 and self._blocked(robot, heading, cells, goal):
             return self._face(robot, heading, gaze)
-        desired = footsteps.footstep(heading, gait.cruise_mps, robot, gait)
+        away_m = math.hypot(goal[0] - robot.x, goal[1] - robot.y)
+        desired = footsteps.footstep(heading, gait.cruise_mps, robot, gait, away_m)
         walk = self._guard.choose(desired, world.pose, movers, cells, goal, world.stamp_s)
         plan = Plan(
             goal,

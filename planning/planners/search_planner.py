@@ -43,6 +43,7 @@ from .settings import PlanningConfig
 
 DEPTH_M = 0.15  # ours: least depth of furniture behind a visible face
 HIDDEN = np.float32(0.6)  # ours: occupancy assumed behind a visible face
+SAME_M = 1e-6
 MOVER_COST = np.float32(0.4)
 """Ours: occupancy that the search assumes for cells of moving obstacles."""
 
@@ -194,8 +195,8 @@ class SearchPlanner:
 
 
 def _same(via: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"] | None) -> bool:
-    """Whether the via point is the goal."""
-    return goal is not None and np.array_equal(via, goal)
+    """Whether the via point is the goal, but for the rounding to cells and back."""
+    return goal is not None and math.dist(via, goal) < SAME_M
 
 
 def _as_ground(

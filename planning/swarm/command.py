@@ -37,7 +37,9 @@ def towards(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitLimits) -> Wa
 
     Source: seed 000, eq. (10).
     """
-    return footstep(robot.yaw + angle_to(place, robot), gait.cruise_mps, robot, gait)
+    away_m = math.hypot(place[0] - robot.x, place[1] - robot.y)
+    speed_mps = min(gait.cruise_mps, away_m / gait.step_s)  # the floor beyond was not checked
+    return footstep(robot.yaw + angle_to(place, robot), speed_mps, robot, gait)
 
 
 def published(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitLimits) -> WalkCommand:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -86,6 +87,22 @@ def test_what_the_grid_has_forgotten_stands_there_until_it_is_seen_to_be_gone():
     assert not _as_ground(forgotten)[2].any()
     seen_to_be_gone = grid_of(lambda x, y: np.full(x.shape, FREE))
     assert not _as_ground(seen_to_be_gone, world)[2].any()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_before_a_goal_beside_the_robot_its_circle_is_small_wherever_it_stands(seed):
+    """A goal 0.2 m away at 60 deg: half as wide as it is far is a step of 0.1 m times the turn (`footsteps.footstep`)."""
+    config = PlanningConfig()
+    field = replace(config.univector, velocity_change=False)
+    config = replace(config, gaze=replace(config.gaze, mode="fixed"), univector=field)
+    x, y, yaw = np.random.default_rng(seed).uniform(-0.4, 0.4, 3)
+    way = yaw + math.radians(60.0)
+    goal = (x + 0.2 * math.cos(way), y + 0.2 * math.sin(way))
+    pose = Gaussian(np.array([x, y, yaw]), np.eye(3) * 1e-6)
+    grid = grid_of(lambda x, y: np.full(x.shape, FREE))
+    walk = SearchPlanner(config, [goal]).decide(WorldModel(Estimate(1.0, pose), grid)).walk
+    assert walk.turn_rad == pytest.approx(math.radians(14.0))
+    assert walk.forward_m == pytest.approx(0.1 * math.radians(14.0))
 
 
 def _near(cells):

@@ -44,6 +44,12 @@ def test_turning_world_and_robot_together_changes_no_command(x, y, yaw, turn):
     assert after.forward_m == pytest.approx(before.forward_m, abs=1e-9)
 
 
+def test_no_step_leads_beyond_the_pixel():
+    gait = GaitLimits(1.0, 1.4)  # steps of 0.65 m
+    walk = command.towards(np.array([0.0, 0.3]), Pose2(yaw=math.pi / 2), gait)
+    assert walk.forward_m == pytest.approx(0.3)
+
+
 def test_straight_ahead_is_a_full_step():
     walk = command.towards(np.array([0.0, 2.0]), Pose2(yaw=math.pi / 2), GAIT)
     assert walk.forward_m == pytest.approx(0.07 * 0.65)
