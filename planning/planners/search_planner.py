@@ -72,7 +72,7 @@ class SearchPlanner:
             Explorer(config.exploration, self._robot) if config.mission.wander else None
         )
         self._route = Route(config.search, config.route, self._robot)
-        self._curve = CurveWalk(self._robot.leg_scale) if config.route.follow == "curve" else None
+        self._curve = CurveWalk(self._robot.gait) if config.route.follow == "curve" else None
         self.gaze = GazeControl(config.gaze, self._robot)
         self._speed_mps = 0.0
 

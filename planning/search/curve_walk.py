@@ -13,23 +13,26 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from perception.primitives.robot_model import GaitLimits
+
 from .path import Path
 
-AHEAD_M = 0.08  # ours: nearly two steps of a DARwIn-OP; on its arcs this cuts 4 mm inside
-OFF_M = 0.10  # ours: a robot farther from its curve, after an evasive step, takes the new one
+AHEAD = 1.76  # ours: cruising steps; on the arcs of a DARwIn-OP this cuts 4 mm inside
+OFF = 2.2  # ours: cruising steps; a robot farther from its curve, after an evasive step, takes the new one
 SAVING = 0.05  # ours: share of the cost that a new path must save
 
 
 class CurveWalk:
     """The curve to one goal that the robot follows."""
 
-    def __init__(self, scale: float) -> None:
+    def __init__(self, gait: GaitLimits) -> None:
         """Begin without a curve.
 
         Args:
-            scale: Of the robot's legs to those of a DARwIn-OP.
+            gait: That follows it.
         """
-        self._ahead_m, self._off_m = scale * AHEAD_M, scale * OFF_M
+        step_m = gait.cruise_mps * gait.step_s
+        self._ahead_m, self._off_m = AHEAD * step_m, OFF * step_m
         self._goal: np.ndarray | None = None
         self.curve: np.ndarray | None = None
         """(n, 2) world frame, m: the curve from the robot on; None before the first path."""

@@ -65,7 +65,6 @@ class SearchConfig:
 
 BODY_M = 0.16  # r_b; ours: radius of a DARwIn-OP
 START_M = 0.35  # ours: unseen cells within this distance of a DARwIn-OP count as free
-TURN_M = 0.19  # ours: turning radius of a DARwIn-OP, 46 mm a step at 14 deg a step
 
 
 class Reach(NamedTuple):
@@ -75,7 +74,7 @@ class Reach(NamedTuple):
         body_m: r_b, within which an obstacle blocks a cell.
         margin_m: E0, within which it costs.
         start_m: Radius round the start within which unseen cells count as free.
-        turn_m: Turning radius of the walk.
+        turn_m: Turning radius of the walk: a cruising step by the largest turn in one.
     """
 
     body_m: float
@@ -85,11 +84,10 @@ class Reach(NamedTuple):
 
     @staticmethod
     def of(config: SearchConfig, robot: RobotModel) -> Reach:
-        """The lengths tuned on a DARwIn-OP, scaled to this robot."""
-        wide = robot.breadth
-        return Reach(
-            wide * BODY_M, wide * config.margin_m, wide * START_M, robot.leg_scale * TURN_M
-        )
+        """The lengths tuned on a DARwIn-OP, scaled to this robot, and its turning radius."""
+        wide, gait = robot.breadth, robot.gait
+        turn_m = gait.cruise_mps * gait.step_s / gait.max_turn_rad
+        return Reach(wide * BODY_M, wide * config.margin_m, wide * START_M, turn_m)
 
 
 def repulsion(

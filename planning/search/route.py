@@ -35,11 +35,12 @@ HORIZON_M = 20.0
 """A goal further beyond the map is sought where the straight line to it passes this."""
 CORRIDOR_M = 0.30  # distance from the old path at which the loyalty penalty is full
 PASSED_M = 0.15  # distance at which a way point counts as passed
-PROGRESS_M = 0.10  # least reduction of the remaining path that is progress
-STRIDE_M = 0.35  # a robot that moved this far within the patience is not stuck; half of cruising
-TURN_RAD = math.radians(60.0)  # neither is one that turned this far
+PROGRESS = 2.2  # cruising steps: least reduction of the remaining path that is progress
+MOVED = 0.5  # part of what cruising covers in the patience; a robot that moved so far is not stuck
+TURN_RAD, TURNED = math.radians(60.0), 0.3
+"""Neither is one that turned by this angle, or by this part of its largest turns if that is less."""
 OSCILLATION_STEPS = 90  # one minute: if the remaining path varied ...
-RANGE_M = 1.0  # ... by less than this, the robot is stuck too
+RANGE = 0.25  # ... by less than this part of what cruising covers, the robot is stuck too
 BLOCK_AHEAD_M = 0.30  # distance along the path of the place to avoid, times the number of detours
 BLOCK_RADIUS_M = 0.35  # radius of that place
 BLOCK_PENALTY = 4.0  # potential added there: expensive, not forbidden
@@ -96,7 +97,7 @@ class Route:
     ) -> None:
         self._search, self._robot = search_config, robot
         gait = robot.gait
-        self._m_per_rad = gait.cruise_mps * gait.step_s / gait.max_turn_rad
+        self._step_m = gait.cruise_mps * gait.step_s
         self._config = RouteConfig() if config is None else config
         self._goal: np.ndarray | None = None
         self._blocks: list[_Block] = []
@@ -183,7 +184,7 @@ class Route:
             return
         left = _length(self._rest(here)) + float(np.hypot(*(goal - self.path.waypoints[-1])))
         self._lefts.append(left)
-        if left < self._best - PROGRESS_M:
+        if left < self._best - PROGRESS * self._step_m:
             self._best, self._waited = left, 0
         else:
             self._waited += 1
@@ -200,12 +201,17 @@ class Route:
         began, ends = self._poses[0], self._poses[-1]
         came = math.hypot(ends.x - began.x, ends.y - began.y)
         turned = abs(wrap_angle(ends.yaw - began.yaw))
-        return came >= STRIDE_M or turned >= TURN_RAD
+        steps, turn_rad = self._config.patience_steps, self._robot.gait.max_turn_rad
+        turns = turned >= min(TURN_RAD, TURNED * steps * turn_rad)
+        return turns or came >= MOVED * steps * self._step_m
 
     def _oscillates(self) -> bool:
         """Whether the length of the remaining path has hardly changed for a minute."""
         lefts = self._lefts
-        return len(lefts) == lefts.maxlen and max(lefts) - min(lefts) < RANGE_M
+        return (
+            len(lefts) == lefts.maxlen
+            and max(lefts) - min(lefts) < RANGE * len(lefts) * self._step_m
+        )
 
     def _widened(
         self,
@@ -268,7 +274,9 @@ class Route:
         ahead, left = x[near[1]], y[near[0]]
         away = np.hypot(ahead, left)
         turn = np.abs((np.arctan2(left, ahead) - robot.yaw + math.pi) % (2.0 * math.pi) - math.pi)
-        dear = self._m_per_rad / (max(self._search.alpha, 1e-9) * reach_m)
+        dear = (
+            self._step_m / self._robot.gait.max_turn_rad / (max(self._search.alpha, 1e-9) * reach_m)
+        )
         penalty[near] += np.where((away > cell_m) & (away <= reach_m), dear * turn, 0.0)
 
     def _narrow(self, solid: np.ndarray, cell_m: float) -> np.ndarray:

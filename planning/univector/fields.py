@@ -16,13 +16,13 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.primitives.errors import ConfigError
-from perception.primitives.robot_model import DARWIN_OP
+from perception.primitives.robot_model import DARWIN_OP, GaitLimits
 from perception.primitives.settings import setting
 
 from . import _kernels
 
 K_R_M = 0.10  # K_r; ours
-ACCELERATION_MPS2 = 0.05  # ours: largest change of speed
+TO_CRUISE_S = 1.4  # ours: from standing to cruising speed at the largest change of speed
 SIGMAS = 1.0  # ours: standard deviations that uncertainty adds ...
 MAX_SIGMA_M = 0.15  # ours: ... each at most this; more would freeze the robot
 HORIZON_S = 8.0  # ours: later collisions are left to later steps
@@ -116,6 +116,14 @@ class FieldConfig:
 
 PUBLISHED = FieldConfig(w_goal=0.75, w_avoid=0.25)
 """The printed weights, for comparison."""
+
+
+def acceleration_mps2(gait: GaitLimits) -> float:
+    """Largest change of speed of a robot, m/s^2: 0.05 for a DARwIn-OP.
+
+    Source: ours.
+    """
+    return gait.cruise_mps / TO_CRUISE_S
 
 
 def extended_radius(

@@ -259,7 +259,8 @@ def _speed(
     movers: Sequence[_Mover], speed_mps: float, config: FieldConfig, gait: GaitLimits
 ) -> tuple[list[Change], float, float]:
     """Change of speed for each moving obstacle, the acceleration, and the speed at which it ends."""
-    cruise = math.copysign(fields.ACCELERATION_MPS2, gait.cruise_mps - speed_mps)
+    most = fields.acceleration_mps2(gait)
+    cruise = math.copysign(most, gait.cruise_mps - speed_mps)
     if not config.velocity_change:
         return [CLEAR] * len(movers), cruise, gait.cruise_mps
     bands = [
@@ -273,7 +274,7 @@ def _speed(
         return _printed_speed(movers, bands, speed_mps, gait, cruise)
     radii = [mover.radius_m + _miss_sigma(mover, speed_mps) for mover in movers]
     changes = [
-        change(mover.place, mover.velocity, radius, band, speed_mps, gait.max_speed_mps)
+        change(mover.place, mover.velocity, radius, band, speed_mps, gait)
         for mover, radius, band in zip(movers, radii, bands, strict=True)
     ]
 
@@ -296,7 +297,7 @@ def _speed(
     turned = [c if c.case == CLEAR.case else VIRTUAL for c in changes]
     return (
         turned,
-        -fields.ACCELERATION_MPS2,
+        -most,
         0.0,
     )  # no acceleration avoids all: slow down and turn aside
 
@@ -310,7 +311,7 @@ def _printed_speed(
 ) -> tuple[list[Change], float, float]:
     """The same by the printed law; of several accelerations the largest, which the paper leaves open."""
     changes = [
-        change(m.place, m.velocity, m.radius_m, band, speed_mps, gait.max_speed_mps, literal=True)
+        change(m.place, m.velocity, m.radius_m, band, speed_mps, gait, literal=True)
         for m, band in zip(movers, bands, strict=True)
     ]
     asked = max((c.acceleration_mps2 for c in changes), key=abs, default=0.0)

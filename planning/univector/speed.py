@@ -19,11 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from perception.primitives.robot_model import DARWIN_OP
+from perception.primitives.robot_model import DARWIN_OP, GaitLimits
 
 from . import _collision_kernels as kernels
 from .collision import Band, contact
-from .fields import ACCELERATION_MPS2, HORIZON_S
+from .fields import HORIZON_S, acceleration_mps2
 
 SAMPLES = 161  # ours: over the horizon; at 5 cm/s relative speed every 2.5 mm
 HALVINGS = 12  # ours: of the bisection
@@ -126,7 +126,7 @@ def change(
     radius_m: float,
     band: Band | None,
     speed_mps: float,
-    top_mps: float = DARWIN_OP.gait.max_speed_mps,
+    gait: GaitLimits = DARWIN_OP.gait,
     literal: bool = False,
 ) -> Change:
     """The change of speed for one moving obstacle.
@@ -136,7 +136,7 @@ def change(
         radius_m: S_oe, with the standard deviation of the miss if it is used.
         band: Colliding speeds, or None.
         speed_mps: Forward speed of the robot.
-        top_mps: Top speed of the robot.
+        gait: Top speed and largest change of speed of the robot.
         literal: The printed law.
 
     Source: seed 001, section 4, velocity modification.
@@ -152,17 +152,17 @@ def change(
         wanted = [("escape", escape_acceleration(place, velocity, radius_m, speed_mps))]
     else:
         wanted = [
-            ("accelerate", _bounded(place, velocity, speed_mps, band.high, top_mps)),
+            ("accelerate", _bounded(place, velocity, speed_mps, band.high, gait.max_speed_mps)),
             ("decelerate", contact_acceleration(place, velocity, speed_mps, max(band.low, 0.0))),
         ]
-    limit = ACCELERATION_MPS2
+    limit = acceleration_mps2(gait)
     for case, first in wanted:
         if not abs(first) <= limit:
             continue
         if literal:
             return Change(case, first)
         sign = -1.0 if case == "decelerate" else 1.0
-        found = _until_clear(place, velocity, radius_m, speed_mps, first, sign, top_mps)
+        found = _until_clear(place, velocity, radius_m, speed_mps, first, sign, gait)
         if found is not None:
             return Change(case, found)
     return VIRTUAL
@@ -182,16 +182,16 @@ def _until_clear(
     speed_mps: float,
     first: float,
     sign: float,
-    top_mps: float,
+    gait: GaitLimits,
 ) -> float | None:
     """The least acceleration of this sign, from that of the law on, without contact; None beyond the limit."""
 
     def clear(a: float) -> bool:
-        bound = top_mps if a > 0.0 else 0.0
+        bound = gait.max_speed_mps if a > 0.0 else 0.0
         least = least_distance(place, velocity, speed_mps, a, bound, HORIZON_S)
         return least >= radius_m - 1e-9
 
-    low, high = sign * max(sign * first, 0.0), sign * ACCELERATION_MPS2
+    low, high = sign * max(sign * first, 0.0), sign * acceleration_mps2(gait)
     if clear(low):
         return low
     if not clear(high):

@@ -13,7 +13,8 @@ import math
 import numpy as np
 
 from planning.search.astar import find_path
-from planning.search.potential import TURN_M, SearchConfig
+from perception.primitives.robot_model import DARWIN_OP
+from planning.search.potential import Reach, SearchConfig
 from planning.search.shortcuts import total_turning
 
 from ..support.experiment import Experiment, Outcome, Say, Target
@@ -87,7 +88,7 @@ EXPERIMENT = Experiment(
         "cost_ratio": Target("<=", 1.0),
         "violations": Target("==", 0.0),
         "curve_cost_ratio": Target("<=", 1.0),
-        "least_arc_radius_m": Target(">=", TURN_M - 1e-9),
+        "least_arc_radius_m": Target(">=", Reach.of(SearchConfig(), DARWIN_OP).turn_m - 1e-9),
     },
     seeds=500,
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import DARWIN_OP
 from planning import footsteps
 from planning.search.curve_walk import CurveWalk
-from planning.search.potential import TURN_M, SearchConfig
+from planning.search.potential import Reach, SearchConfig
 from planning.search.route import Route, RouteConfig
 
 CELL_M = 0.05
@@ -65,7 +66,7 @@ def off(poses, curve):
 
 
 def test_footsteps_follow_the_arcs_where_way_points_leave_them():
-    poses, commands, curve = walk(CurveWalk(1.0))
+    poses, commands, curve = walk(CurveWalk(GAIT))
     assert off(poses, curve).max() < 0.01
     by_points, _, curve = walk(None)
     assert off(by_points, curve).max() > 0.03
@@ -75,10 +76,27 @@ def test_footsteps_follow_the_arcs_where_way_points_leave_them():
 
 
 def test_the_robot_does_not_slow_down_on_an_arc():
-    _, commands, _ = walk(CurveWalk(1.0))
+    _, commands, _ = walk(CurveWalk(GAIT))
     cruise = GAIT.cruise_mps * GAIT.step_s
-    assert cruise / GAIT.max_turn_rad <= TURN_M + 1e-9  # one step on an arc needs no sharper turn
+    assert (
+        cruise / GAIT.max_turn_rad <= Reach.of(SearchConfig(), DARWIN_OP).turn_m + 1e-9
+    )  # one step on an arc needs no sharper turn
     assert min(one.forward_m for one in commands[1:]) > 0.95 * cruise
+
+
+@pytest.mark.parametrize(("cruise_mps", "max_turn_deg"), [(0.07, 14.0), (0.07, 7.0), (0.21, 14.0)])
+def test_no_arc_turns_more_sharply_than_the_gait_can(cruise_mps, max_turn_deg):
+    gait = replace(GAIT, cruise_mps=cruise_mps, max_speed_mps=0.3, max_turn_deg=max_turn_deg)
+    route = Route(SearchConfig(), robot=replace(DARWIN_OP, gait=gait))
+    route.update(wall(), KNOWN, ORIGIN, CELL_M, START, GOAL)
+    way = np.diff(route.path.curve, axis=0)
+    length, heading = np.hypot(*way.T), np.unwrap(np.arctan2(way[:, 1], way[:, 0]))
+    turns = np.abs(np.diff(heading))
+    on_arc = (turns > 1e-6) & (length[:-1] < 0.3) & (length[1:] < 0.3)
+    radius = (length[:-1] + length[1:])[on_arc] / 2 / turns[on_arc]
+    least_m = cruise_mps * gait.step_s / gait.max_turn_rad
+    assert on_arc.any() or route.path.corners == len(turns)
+    assert radius.min(initial=np.inf) > 0.99 * least_m
 
 
 def test_a_curve_that_becomes_blocked_is_given_up():
@@ -89,7 +107,7 @@ def test_a_curve_that_becomes_blocked_is_given_up():
     def change(number):
         return wall() if number < 5 else full
 
-    poses, _, curve = walk(CurveWalk(1.0), change)
+    poses, _, curve = walk(CurveWalk(GAIT), change)
     assert off(poses, curve).max() > 0.5
     assert poses[:, 1].max() > 1.0
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from perception.primitives.errors import ConfigError
 from planning.search.astar import cheapest, find_path, lattice_cost, prepare
-from planning.search.potential import BODY_M, TURN_M, SearchConfig, potential, repulsion
+from planning.search.potential import BODY_M, SearchConfig, potential, repulsion
 
 CELL_M = 0.05
 
@@ -195,7 +195,7 @@ def test_the_curve_costs_no_more_than_the_lattice_path_and_respects_the_turning_
         u, v = b - a, c - b
         turn = abs(math.atan2(u[0] * v[1] - u[1] * v[0], float(u @ v)))
         radius = math.dist(a, c) / (2 * math.sin(turn)) if turn > 1e-9 else math.inf
-        sharp += turn >= 0.02 and radius < TURN_M * (1 - 1e-6)
+        sharp += turn >= 0.02 and radius < path.turn_radius_m * (1 - 1e-6)
     assert sharp <= path.corners
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2
+from perception.primitives.robot_model import DARWIN_OP, GaitLimits
+from planning.footsteps import footstep
 from planning.search import route as route_module
 from planning.search.astar import prepare
 from planning.search.potential import SearchConfig
@@ -288,3 +291,36 @@ def test_a_new_goal_takes_effect_at_once():
 def test_impossible_settings_are_refused_by_name(name, value):
     with pytest.raises(ConfigError, match=name):
         RouteConfig(**{name: value})
+
+
+SLOW = GaitLimits(0.05, 0.07, 0.02, 0.02, 14.0, 0.1, 0.1)
+"""Steps of 1 cm: 0.9 m in 90 of them."""
+
+
+def walked(gait, robot, goal, most):
+    """A robot that follows the via points of its route over free ground: the most detours, and where it is at the end."""
+    route = Route(SearchConfig(), robot=replace(DARWIN_OP, gait=gait))
+    detours = 0
+    for _ in range(most):
+        via = route.update(empty(), KNOWN, ORIGIN, CELL_M, robot, goal)
+        detours = max(detours, route.detours)
+        away_m = math.dist((robot.x, robot.y), goal)
+        heading = math.atan2(via[1] - robot.y, via[0] - robot.x)
+        step = footstep(heading, gait.cruise_mps, robot, gait, away_m)
+        robot = robot @ Pose2(step.forward_m, 0.0, step.turn_rad)
+        if away_m < 0.1:
+            break
+    return detours, robot
+
+
+def test_a_robot_of_short_steps_that_walks_straight_to_its_goal_is_not_stuck():
+    detours, robot = walked(SLOW, START, GOAL, 320)
+    assert detours == 0
+    assert math.dist((robot.x, robot.y), GOAL) < 0.11
+
+
+def test_a_robot_that_turns_slowly_towards_its_goal_is_not_stuck():
+    gait = replace(DARWIN_OP.gait, max_turn_deg=3.0)
+    detours, robot = walked(gait, Pose2(0.0, 0.0, math.pi), np.array([1.0, 0.0]), 60)
+    assert detours == 0
+    assert math.cos(robot.yaw) > 0.0

@@ -194,3 +194,14 @@ def test_the_published_motion_passes_before_by_the_printed_law():
 def _miss(place, velocity, speed):
     w = speed * np.array([1.0, 0.0]) - velocity
     return abs(place[0] * w[1] - place[1] * w[0]) / np.hypot(*w)
+
+
+@pytest.mark.parametrize("cruise_mps", [0.05, 0.07, 0.24, 1.5])
+def test_every_robot_is_at_its_cruising_speed_after_the_same_number_of_steps(cruise_mps):
+    model = RobotModel(gait=GaitLimits(cruise_mps, 1.4 * cruise_mps))
+    speed = 0.0
+    for _ in range(3):  # 0.05 m/s^2 for a DARwIn-OP: 1.4 s
+        said = advise(Gaussian(np.zeros(3), SURE), speed, [], GOAL, None, FieldConfig(), model)
+        assert 0.0 < said.speed_mps - speed < 0.5 * cruise_mps
+        speed = said.speed_mps
+    assert speed == pytest.approx(cruise_mps)
