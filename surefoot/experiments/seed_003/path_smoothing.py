@@ -12,8 +12,8 @@ import math
 
 import numpy as np
 
-from planning.search.astar import find_path
 from perception.primitives.robot_model import DARWIN_OP
+from planning.search.astar import find_path
 from planning.search.potential import Reach, SearchConfig
 from planning.search.shortcuts import total_turning
 
