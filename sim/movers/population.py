@@ -76,7 +76,7 @@ def _on_legs(one: MovingObject) -> MovingObject:
 
 
 def _drawn(scene: Scene, rng: np.random.Generator) -> tuple[MovingObject, ...]:
-    """Small robots at free places away from the start."""
+    """Small robots at free places away from the start, as many as have room."""
     space = clearance_map(scene.extent, [part for _, part in scene.static_shapes])
     start = (scene.start.x, scene.start.y)
     first = scene.goals[0] if scene.goals else start
@@ -88,6 +88,8 @@ def _drawn(scene: Scene, rng: np.random.Generator) -> tuple[MovingObject, ...]:
             away = [math.dist(place, other.start) for other in found]
             if min([math.dist(place, start) - TO_START_M, *(d - 0.6 for d in away)]) > 0.0:
                 break
+        else:
+            continue  # no room for one more
         height = float(rng.uniform(0.40, 0.50))
         body = Cylinder(
             (0.0, 0.0, (height - _HEAD) / 2), EMPTY_M, height - _HEAD, f"stripes/{colour}"

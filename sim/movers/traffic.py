@@ -24,6 +24,7 @@ from .social_force import SocialForce
 from .waypoints import MINUTE_S, PASSING_S, PAUSE_S, Waypoints, sides
 
 TICK_S = 0.1  # ours: 1 cm at 0.1 m/s
+STRIDE_M = 0.05  # ours: of the places on a longer way that are checked; a cell of the ground
 ROBOT_RADIUS_M = 0.15  # seed 001: S_r, for those who react to the robot
 SIDESTEPS_RAD = tuple(math.radians(a) for a in (0.0, -40.0, 40.0, -80.0, 80.0))  # ours
 _GAP_M = 0.02  # ours: between two movers
@@ -124,13 +125,23 @@ class Traffic:
         for turn in SIDESTEPS_RAD if law.sidesteps else (0.0,):
             vx, vy = speed * math.cos(heading + turn), speed * math.sin(heading + turn)
             x, y = me.x + vx * TICK_S, me.y + vy * TICK_S
-            if self._grounds[k].allows(x, y) and _clear(me, (x, y), others):
+            if self._may_go(k, (x, y), others):
                 me.x, me.y, me.vx, me.vy = x, y, vx, vy
                 me.heading_rad = math.atan2(vy, vx)
                 me.travelled_m += speed * TICK_S
                 return
         me.vx = me.vy = 0.0
         law.blocked(stamp_s)
+
+    def _may_go(self, k: int, to: Place, others: Sequence[Mover]) -> bool:
+        """Whether mover number k touches nothing on the straight way of one tick."""
+        me = self._movers[k]
+        dx, dy = to[0] - me.x, to[1] - me.y
+        pieces = max(1, math.ceil(math.hypot(dx, dy) / STRIDE_M))
+        on_the_way = (
+            (me.x + dx * n / pieces, me.y + dy * n / pieces) for n in range(1, pieces + 1)
+        )
+        return all(self._grounds[k].allows(*at) and _clear(me, at, others) for at in on_the_way)
 
 
 def law_of(one: MovingObject, k: int, ground: Ground, rng: np.random.Generator) -> Law:

@@ -220,3 +220,24 @@ def test_legs_are_seen_apart_where_a_trunk_would_be_one_thing():
         onto = world.rays.cast(np.array([*left[:2], 0.7499]), -down)
         assert between.distance_m[0] == pytest.approx(0.5, abs=1e-3)  # the floor
         assert onto.distance_m[0] < 0.01  # the leg's top or the trunk
+
+
+def test_fast_movers_do_not_pass_through_each_other_between_two_ticks():
+    """One that goes along x meets one that stands: 0.5 m in a tick, both are 0.2 m wide."""
+    runner = mover("stop_and_go", (-2.0, 0.0), 5.0, 4.0)
+    stands = replace(mover("standing", (0.25, 0.0), 5.0, 0.1), name="other")
+    states = walked(room(runner, stands), 12.0, 0.05)
+    apart = np.hypot(*(states[:, 0, :2] - states[:, 1, :2]).T)
+    assert apart.min() > 0.2
+    assert np.ptp(states[:, 0, 0]) > 1.0  # it did run
+
+
+def test_a_room_is_given_no_more_movers_than_it_has_room_for():
+    extent = (0.0, 0.0, 1.2, 1.2)
+    area = (FloorArea("planks/oak", extent),)
+    small = Scene("test", 0, extent, area, (), (), (), Pose2(0.3, 0.6), ((0.9, 0.6),))
+    movers = populated(small, MoversConfig("waypoints")).moving_objects
+    for k, one in enumerate(movers):
+        for other in movers[:k]:
+            assert math.dist(one.start, other.start) > one.radius_m + other.radius_m
+    assert len(populated(room(), MoversConfig("waypoints")).moving_objects) == 3
