@@ -28,6 +28,7 @@ from ..scenes.model_files import MESHES
 
 DIRECTIONS = 80  # ours: hulls keep at most as many corners; a hand of 20 cm is then smaller by 2 mm
 ROUND = 24  # ours: corners of a circle
+BALL = 1000  # ours: of a sphere, before its hull is reduced
 COLLADA = "{http://www.collada.org/2005/11/COLLADASchema}"
 
 
@@ -57,7 +58,7 @@ def hull_of(name: str, link: int, points: Float[np.ndarray, "n 3"]) -> Hull | No
     except (QhullError, ValueError):
         return None
     rim = points[whole.vertices]
-    kept = np.unique(np.argmax(rim @ _directions().T, axis=0))
+    kept = np.unique(np.argmax(rim @ _directions(DIRECTIONS).T, axis=0))
     try:
         small = ConvexHull(rim[kept])
     except QhullError:
@@ -95,7 +96,7 @@ def points_of(shape: ET.Element, path: Path) -> Float[np.ndarray, "n 3"]:
         ring = radius / math.cos(math.pi / ROUND) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         points = np.concatenate([np.c_[ring, np.full(ROUND, z)] for z in (-length / 2, length / 2)])
     elif geometry.tag == "sphere":
-        points = elements.numbers(geometry, "radius", 1, path, positive=True)[0] * _directions()
+        points = elements.numbers(geometry, "radius", 1, path, positive=True)[0] * _ball()
     elif geometry.tag == "mesh":
         points = _mesh_points(geometry, path)
     else:
@@ -190,10 +191,17 @@ def _collect(
 
 
 @cache
-def _directions() -> Float[np.ndarray, "n 3"]:
-    """Evenly spaced unit vectors, and the six axes."""
-    k = np.arange(DIRECTIONS - 6) + 0.5
-    z = 1.0 - 2.0 * k / (DIRECTIONS - 6)
+def _ball() -> Float[np.ndarray, "n 3"]:
+    """Points whose convex hull just contains the unit ball."""
+    points = _directions(BALL)
+    return np.asarray(points / -ConvexHull(points).equations[:, 3].max())
+
+
+@cache
+def _directions(count: int) -> Float[np.ndarray, "n 3"]:
+    """That many evenly spaced unit vectors, the six axes among them."""
+    k = np.arange(count - 6) + 0.5
+    z = 1.0 - 2.0 * k / (count - 6)
     turn = math.pi * (1.0 + math.sqrt(5.0)) * k
     flat = np.sqrt(1.0 - z * z)
     ball = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)

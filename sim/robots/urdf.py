@@ -23,7 +23,8 @@ from perception.primitives.pose import Pose3
 
 from ..scenes import urdf_elements as elements
 
-TURNING, SLIDING, RIGID = ("revolute", "continuous"), ("prismatic",), ("fixed",)
+TURNING, SLIDING = ("revolute", "continuous"), ("prismatic",)
+RIGID = ("fixed", "floating", "planar")  # the last two are at zero
 MOST_LINKS = 1000  # ours
 
 
@@ -102,6 +103,11 @@ def read(path: Path, moving: Sequence[str], posture: Mapping[str, float]) -> Mer
             raise InputError(
                 f"{path}: joint {name!r} is {known[name].kind}; only {' and '.join(TURNING)} joints can move"
             )
+        least, most = known[name].span
+        if not least < most:
+            raise InputError(
+                f"{path}: joint {name!r} turns from {least} to {most} rad; expected lower < upper"
+            )
     return _merged(path, robot, links, joints, moving, posture)
 
 
@@ -173,10 +179,6 @@ def _joint(joint: ET.Element, path: Path) -> _Element:
     if kind == "revolute" and limit is not None:
         (least,) = elements.numbers(limit, "lower", 1, path, "0")
         (most,) = elements.numbers(limit, "upper", 1, path, "0")
-        if not least < most:
-            raise InputError(
-                f"{path}: joint {name!r} turns from {least} to {most} rad; expected lower < upper"
-            )
         span = (least, most)
     return _Element(
         name,

@@ -38,6 +38,26 @@ def test_a_round_hull_is_cut_by_no_more_than_it_says():
     assert out == pytest.approx(hull.cut_m, abs=1e-9)
 
 
+@pytest.mark.parametrize("shape", ['sphere radius="0.2"', 'cylinder radius="0.2" length="0.3"'])
+def test_no_round_shape_reaches_out_of_its_hull_by_more_than_it_says(shape, tmp_path):
+    visual = ET.fromstring(f"<visual><geometry><{shape}/></geometry></visual>")
+    hull = hull_of("round", 0, points_of(visual, tmp_path / "a.urdf"))
+    rng = np.random.default_rng(0)
+    if shape.startswith("sphere"):
+        surface = rng.standard_normal((9000, 3))
+        surface *= 0.2 / np.linalg.norm(surface, axis=1, keepdims=True)
+    else:
+        angle = rng.uniform(0.0, 2.0 * np.pi, 9000)
+        ends = rng.choice([-0.15, 0.15], 9000)
+        surface = np.column_stack([0.2 * np.cos(angle), 0.2 * np.sin(angle), ends])
+    a, b, c = (hull.corners[hull.triangles[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    out = (surface @ normals.T - np.einsum("ij,ij->i", normals, a)).max()
+    assert out <= hull.cut_m + 1e-9
+    assert hull.cut_m < 0.015
+
+
 @pytest.mark.parametrize("points", [CUBE[:3], CUBE * np.array([1.0, 1.0, 0.0])])
 def test_what_has_no_volume_has_no_hull(points):
     assert hull_of("sheet", 0, points) is None

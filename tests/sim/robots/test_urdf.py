@@ -128,3 +128,23 @@ def test_a_file_that_is_no_tree_is_refused(content, moving, message, tmp_path):
 def test_a_joint_without_an_end_turns_all_the_way(little):
     yaw = little.tree.joints[little.tree.index("waist_yaw")]
     assert (yaw.least_rad, yaw.most_rad) == (-math.pi, math.pi)
+
+
+@pytest.mark.parametrize(
+    ("kind", "limit"),
+    [
+        ("revolute", '<limit effort="1" velocity="1"/>'),  # without bounds, both are 0
+        ("prismatic", '<limit lower="0" upper="0" effort="1" velocity="1"/>'),
+        ("floating", ""),
+        ("planar", '<axis xyz="0 0 1"/>'),
+    ],
+)
+def test_a_joint_that_the_model_freezes_may_be_of_any_kind(kind, limit, tmp_path):
+    path = tmp_path / "robot.urdf"
+    place = '<origin xyz="0 0 1" rpy="0 0 0"/>'
+    joints = JOINT.format("held", kind, "a", "b", place + limit)
+    joints += JOINT.format("turns", "revolute", "b", "c", '<limit lower="-1" upper="1"/>')
+    path.write_text(f'<robot name="r">{LINKS}<link name="c"/>{joints}</robot>')
+    model = urdf.read(path, ["turns"], {})
+    assert [joint.name for joint in model.tree.joints] == ["turns"]
+    np.testing.assert_allclose(model.place("b").T_link_frame[:3, 3], [0.0, 0.0, 1.0])
