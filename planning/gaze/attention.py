@@ -33,7 +33,7 @@ from .landmark_gain import gains
 from .priority import SEEK_MAX, nearness
 from .sampling import from_camera, in_body, region
 from .sampling import sample_region as sample_region
-from .selection import FIRST_IMAGE_S, GazeMapConfig, in_view, shown
+from .selection import GazeMapConfig, first_image_s, in_view, shown
 from .untracked_targets import UntrackedTargets
 
 # all ours, from walks in simulation
@@ -207,12 +207,12 @@ class AttentionModel:
         """Worth of the places beyond the neck's range, to the left and to the right, by the time of the turn."""
         bearing = np.arctan2(places[:, 1], places[:, 0])
         reach = math.radians(self._robot.head.pan_deg + self._narrow.across_deg / 2.0)
-        gait = self._robot.gait
+        gait, first_s = self._robot.gait, first_image_s(self._robot.gait)
         found = []
         for sense in (1.0, -1.0):
             turn_s = ((sense * bearing) % (2.0 * math.pi) - reach) * gait.step_s / gait.max_turn_rad
             beyond = (np.abs(bearing) > reach) & (turn_s < TURN_MOST_S)
-            found.append(float(values[beyond] @ (FIRST_IMAGE_S / (FIRST_IMAGE_S + turn_s[beyond]))))
+            found.append(float(values[beyond] @ (first_s / (first_s + turn_s[beyond]))))
         return found[0], found[1]
 
     def _movers(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:

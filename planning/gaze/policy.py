@@ -35,9 +35,9 @@ from ..plugin_calls import call, check_finite
 from .attention import Attention, AttentionModel, GazeContext
 from .evaluations import EvaluationConfig
 from .selection import (
-    FIRST_IMAGE_S,
     DirectionMap,
     GazeMapConfig,
+    first_image_s,
     highest_plateau,
     select,
     turned,
@@ -228,7 +228,7 @@ class MapGaze(ABC):
             self.valued = DirectionMap(total, self.map.pans, self.map.tilts)
             if total.max() > 0.0:
                 gaze = highest_plateau(total, self.present, self.map)
-        self.present = turned(self.present, gaze, self.robot.head)
+        self.present = turned(self.present, gaze, self.robot.head, self.robot.gait.step_s)
         return gaze
 
     @abstractmethod
@@ -242,7 +242,7 @@ class EvaluationGaze:
     """By the evaluations; surveys first, and sweeps where their input is missing."""
 
     def __init__(self, config: GazeConfig, robot: RobotModel = DARWIN_OP) -> None:
-        self._head = robot.head
+        self._head, self._gait = robot.head, robot.gait
         self._sweep = Sweep(robot.head)
         self._model = AttentionModel(config.map, robot)
         self._present = AHEAD
@@ -284,7 +284,7 @@ class EvaluationGaze:
             soon = self._by_time(self.attention.total)
             gaze = select(soon, self._present, self._present, self._model.config)
             self._consider_turn(float(soon.max()))
-        self._present = turned(self._present, gaze, self._head)
+        self._present = turned(self._present, gaze, self._head, self._gait.step_s)
         if known is not None:
             self._model.decided(stamp_s, self._present, via, obstacles, known.pose)
         return gaze
@@ -305,4 +305,5 @@ class EvaluationGaze:
         turn_s = (
             np.maximum(pan, np.abs(gaze.tilts - self._present.tilt_rad)) / self._head.speed_radps
         )
-        return total * (FIRST_IMAGE_S / np.maximum(turn_s, FIRST_IMAGE_S))
+        first_s = first_image_s(self._gait)
+        return total * (first_s / np.maximum(turn_s, first_s))

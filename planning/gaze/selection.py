@@ -19,14 +19,13 @@ from jaxtyping import Bool, Float
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import head_rotation
-from perception.primitives.robot_model import DARWIN_OP, HeadLimits
+from perception.primitives.robot_model import DARWIN_OP, GaitLimits, HeadLimits
 from perception.primitives.settings import setting
 
 from ..commands import GazeCommand
 from . import _gaze_kernels
 from .evaluations import EvaluationConfig
 
-FIRST_IMAGE_S = 0.45  # T_DS + T_SS - dT of seed 000: from the command to the first image of a step
 REST_S = 0.20  # dT of seed 000: from the first image of a step to the second, and the next decision
 
 
@@ -63,16 +62,21 @@ class GazeMapConfig:
 
     @cached_property
     def pans(self) -> Float[np.ndarray, "rows"]:
-        """Pan of each row of the map, rad, left positive."""
-        steps = round(self.head.pan_deg / self.step_deg)
-        return _read_only(np.radians(np.arange(-steps, steps + 1) * self.step_deg))
+        """Pan of each row of the map, rad, left positive; ahead and both ends of the range are among them."""
+        most = self.head.pan_deg
+        return _read_only(np.radians(np.linspace(-most, most, 2 * self._steps(most) + 1)))
 
     @cached_property
     def tilts(self) -> Float[np.ndarray, "columns"]:
-        """Tilt of each column of the map, rad, down positive."""
+        """Tilt of each column of the map, rad, down positive; both ends of the range are among them."""
         highest, lowest = self.head.tilt_deg
-        steps = round((lowest - highest) / self.step_deg)
-        return _read_only(np.radians(highest + np.arange(steps + 1) * self.step_deg))
+        return _read_only(
+            np.radians(np.linspace(highest, lowest, self._steps(lowest - highest) + 1))
+        )
+
+    def _steps(self, range_deg: float) -> int:
+        """Number of even steps of at most `step_deg`."""
+        return math.ceil(range_deg / self.step_deg - 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,13 +206,11 @@ def highest_plateau(
         config: Directions.
     """
     top = total >= float(total.max()) * (1.0 - 1e-9) - 1e-12
-    step, (pan_0, tilt_0) = math.radians(config.step_deg), (config.pans[0], config.tilts[0])
-    middles = _gaze_kernels.middles(top).tolist()
-    found = [(pan_0 + row * step, tilt_0 + column * step) for row, column in middles]
-    pan, tilt = min(
-        found, key=lambda at: math.hypot(at[0] - present.pan_rad, at[1] - present.tilt_rad)
-    )
-    return GazeCommand(float(pan), float(tilt))
+    rows, columns = _gaze_kernels.middles(top).T
+    pans = np.interp(rows, np.arange(len(config.pans)), config.pans)
+    tilts = np.interp(columns, np.arange(len(config.tilts)), config.tilts)
+    nearest = int(np.argmin(np.hypot(pans - present.pan_rad, tilts - present.tilt_rad)))
+    return GazeCommand(float(pans[nearest]), float(tilts[nearest]))
 
 
 def worth(
@@ -242,9 +244,14 @@ def select(
     return best
 
 
-def turned(present: GazeCommand, gaze: GazeCommand, head: HeadLimits) -> GazeCommand:
-    """Direction of the head at the next decision, with both joints at top speed until then."""
-    most = head.speed_radps * (FIRST_IMAGE_S + REST_S)
+def first_image_s(gait: GaitLimits) -> float:
+    """Time from the command to the first image of a step; T_DS + T_SS - dT of seed 000, half of a very short step."""
+    return max(gait.step_s - REST_S, gait.step_s / 2.0)
+
+
+def turned(present: GazeCommand, gaze: GazeCommand, head: HeadLimits, step_s: float) -> GazeCommand:
+    """Direction of the head at the next decision, a step later, with both joints at top speed until then."""
+    most = head.speed_radps * step_s
     pan = present.pan_rad + min(max(gaze.pan_rad - present.pan_rad, -most), most)
     tilt = present.tilt_rad + min(max(gaze.tilt_rad - present.tilt_rad, -most), most)
     return GazeCommand(pan, tilt)

@@ -11,9 +11,12 @@ from hypothesis import strategies as st
 
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
-from perception.primitives.pose import Pose3, head_rotation
-from perception.primitives.robot_model import HeadLimits
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.pose import Pose2, Pose3, head_rotation
+from perception.primitives.robot_model import GaitLimits, HeadLimits, RobotModel
 from planning.commands import GazeCommand
+from planning.gaze.attention import GazeContext
+from planning.gaze.policy import MapGaze
 from planning.gaze.selection import GazeMapConfig, gaze_map, highest_plateau, select, shown, worth
 
 CONFIG = GazeMapConfig(step_deg=6.0)
@@ -136,3 +139,39 @@ def test_impossible_directions_are_refused():
         HeadLimits(tilt_deg=(50.0, 20.0))
     with pytest.raises(ConfigError, match="step_deg"):
         GazeMapConfig(step_deg=0.0)
+
+
+@pytest.mark.parametrize("head", [HeadLimits(50.0, (-5.0, 21.0)), HeadLimits(31.0, (0.0, 44.5))])
+def test_the_directions_are_those_of_the_neck(head):
+    config = GazeMapConfig(head=head, step_deg=3.0)
+    pans, tilts = np.degrees(config.pans), np.degrees(config.tilts)
+    for found, ends in ((pans, (-head.pan_deg, head.pan_deg)), (tilts, head.tilt_deg)):
+        np.testing.assert_allclose(found[[0, -1]], ends, atol=1e-9)
+        np.testing.assert_allclose(np.diff(found), np.diff(found)[0])
+        assert np.diff(found)[0] <= 3.0
+    assert np.abs(pans).min() < 1e-9
+    total = np.zeros((len(pans), len(tilts)))
+    total[-1, -1] = 1.0
+    gaze = highest_plateau(total, GazeCommand(), config)
+    assert math.degrees(gaze.pan_rad) == pytest.approx(head.pan_deg)
+    assert math.degrees(gaze.tilt_rad) == pytest.approx(head.tilt_deg[1])
+
+
+@pytest.mark.parametrize("step_s", [0.2, 0.65, 1.5])
+def test_the_head_is_where_its_joints_get_in_one_step_of_the_robot(step_s):
+    gait = GaitLimits(single_support_s=step_s / 2, double_support_s=step_s / 2)
+    robot = RobotModel(gait=gait, head=HeadLimits(90.0, (0.0, 60.0), speed_radps=1.0))
+    policy = _LooksLeft(GazeMapConfig(head=robot.head), robot)
+    known = GazeContext(Gaussian(np.zeros(3), np.eye(3) * 1e-6))
+    for k in range(1, 4):
+        policy.next(0.0, Pose2(), np.zeros(2), (), known)
+        assert policy.present.pan_rad == pytest.approx(min(k * step_s, math.pi / 2))
+
+
+class _LooksLeft(MapGaze):
+    """Values the leftmost direction."""
+
+    def total(self, via, obstacles, known):
+        found = np.zeros((len(self.map.pans), len(self.map.tilts)))
+        found[-1] = 1.0
+        return found
