@@ -119,6 +119,16 @@ def room_beside(
 
 
 @njit(cache=True)
+def soles_meet(ahead: float, left: float, turn: float, half: np.ndarray) -> bool:
+    """Whether two soles overlap, the other one that far ahead and left of the first, turned against it."""
+    c, s = math.cos(turn), math.sin(turn)
+    long = half[0] * (1.0 + abs(c)) + half[1] * abs(s)
+    wide = half[1] * (1.0 + abs(c)) + half[0] * abs(s)
+    apart = abs(ahead) >= long or abs(left) >= wide
+    return not (apart or abs(c * ahead + s * left) >= long or abs(c * left - s * ahead) >= wide)
+
+
+@njit(cache=True)
 def slot_of(table: np.ndarray, key: int) -> int:
     """Slot of a key, or the free one where it belongs."""
     slot = (key * 2654435761) % SLOTS
@@ -271,6 +281,10 @@ def search(
                             ahead = min(max(ahead, -limits[1]), longest)
                             tx, ty = bx + ahead * c, by + ahead * s
                         if ahead > longest + 1e-9 or ahead < -limits[1]:
+                            continue
+                        if soles_meet(
+                            c * (tx - x) + s * (ty - y), c * (ty - y) - s * (tx - x), turn, half
+                        ):
                             continue
                         gx, gy = tx + side * h * ts, ty - side * h * tc
                         price = toll(prices, blocked, grid, gx, gy)

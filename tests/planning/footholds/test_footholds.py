@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -277,3 +278,27 @@ def test_more_risk_allows_narrower_treads():
 def test_a_bound_that_is_no_chance_is_refused():
     with pytest.raises(ConfigError, match="risk"):
         FootholdConfig(0.0)
+
+
+@pytest.mark.parametrize("turn_deg", [14.0, 30.0, 45.0])
+def test_no_sole_is_set_upon_the_other(turn_deg):
+    """Wide feet close together, which overlap if they turn inwards by more than 20 deg; areas by OpenCV."""
+    robot = replace(ROBOT, foot_m=(0.21, 0.13), stance_m=0.18)
+    robot = replace(robot, gait=replace(robot.gait, max_turn_deg=turn_deg))
+    ground = [rectangle(-4.0, 4.0, half=4.0)]
+    rng, headings = np.random.default_rng(0), []
+
+    def sole(pose):
+        ahead, left = np.degrees(pose.yaw), (robot.foot_m[0], robot.foot_m[1])
+        return (pose.x, pose.y), left, ahead
+
+    for angle in rng.uniform(-np.pi, np.pi, 6):
+        goal = 1.5 * np.array([np.cos(angle), np.sin(angle)])
+        found = plan(ground, STANCE, goal, 0.2, robot, FIRM, nodes=20 * NODES)
+        poses = [STANCE.pose, *(one.pose for one in found.footholds)]
+        headings += [one.yaw for one in poses]
+        for before, after in itertools.pairwise(poses):
+            _, shared = cv2.rotatedRectangleIntersection(sole(before), sole(after))
+            area = 0.0 if shared is None else cv2.contourArea(cv2.convexHull(shared))
+            assert area < 1e-5
+    assert np.ptp(headings) > 1.0
