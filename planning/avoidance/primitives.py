@@ -29,7 +29,9 @@ LEARN = 0.02  # share of the deviation that each step adds to the systematic cor
 LEARN_M, LEARN_RAD = 0.01, math.radians(2.0)  # ... for deviations up to these
 # single and double support in a gap: 30 mm of sway instead of 50 (dynamic body of seed 004), within 40 mm of clearance
 QUICK_S = (0.25, 0.15)
-AHEAD_M = 0.10  # distance along a leg that is checked for obstacles; five side steps
+AHEAD_M = (
+    0.10  # distance along a leg that is checked for obstacles, at least one step; five side steps
+)
 
 
 @dataclass(frozen=True)
@@ -165,7 +167,7 @@ def in_the_way(
     cell_m: float,
     model: RobotModel,
 ) -> Bool[np.ndarray, "n"]:
-    """Which occupied cells the body reaches within the next steps of a leg.
+    """Which occupied cells the body reaches within the next steps of a leg, one at least.
 
     Args:
         leg: Present leg; only F and S lead to new ground.
@@ -173,15 +175,17 @@ def in_the_way(
         cells: Middles of occupied cells, world frame, m.
         cell_m: Side of a cell. An obstacle may be half a side off the middle of its cell; in a passage hardly wider
             than the body only cells entirely within the body count.
-        model: Width and depth of the robot.
+        model: Width, depth and gait of the robot.
     """
     if leg.primitive not in ("F", "S"):
         return np.zeros(len(cells), dtype=np.bool_)
     ahead, across = on_line(leg, robot, cells).T
     long, half = model.depth_m / 2, model.width_m / 2
+    speed = model.gait.cruise_mps
     if leg.primitive == "S":
-        long, half = half, long
-    inside = (ahead > 0.0) & (ahead < long + AHEAD_M) & (np.abs(across) < half - cell_m / 2)
+        long, half, speed = half, long, model.gait.max_side_mps
+    next_m = max(AHEAD_M, speed * model.gait.step_s)
+    inside = (ahead > 0.0) & (ahead < long + next_m) & (np.abs(across) < half - cell_m / 2)
     return np.asarray(inside)
 
 

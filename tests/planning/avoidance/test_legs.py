@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from perception.primitives.pose import Pose2
-from perception.primitives.robot_model import DARWIN_OP, RobotModel
+from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
 from planning.avoidance.choice import AvoidanceConfig, ObstacleTable, choose
 from planning.avoidance.pivot import Pivot
 from planning.avoidance.primitives import Leg, Trim, in_the_way, passage, reached, retreat, step
@@ -184,3 +184,17 @@ def test_unseen_ground_before_a_neighbour_bounds_the_gap():
 
 def test_the_default_complexity_is_frontal():
     assert AvoidanceConfig().complexity == "frontal"
+
+
+@pytest.mark.parametrize("speed_mps", [0.05, 0.5, 1.5])
+@pytest.mark.parametrize("primitive", ["S", "F"])
+def test_what_the_next_step_would_touch_closes_a_passage_at_any_speed(primitive, speed_mps):
+    gait = GaitLimits(speed_mps, speed_mps, speed_mps, speed_mps)
+    model = RobotModel(gait=gait)
+    end = Pose2(3.0, 0.0, 0.0) if primitive == "F" else Pose2(0.0, 3.0, 0.0)
+    walk = step(Leg(primitive, end), Pose2(), gait)
+    way = np.array([walk.forward_m, walk.lateral_m])
+    half = (model.depth_m if primitive == "F" else model.width_m) / 2
+    length = float(np.hypot(*way))
+    touched = way / length * (half + 0.95 * length)
+    assert in_the_way(Leg(primitive, end), Pose2(), touched[None], 0.05, model).all()
