@@ -66,7 +66,7 @@ class SwarmPlanner(GoalSeeker):
         self._guard = Guard(
             replace(config.guard, react_s=react_s, following_cost=FOLLOWING_COST), self._robot
         )
-        self._standing = GroundMemory()
+        self._standing = GroundMemory(self._robot.breadth)
         self._rng = np.random.default_rng([config.seed, 40])
         self._seen: ColourFloor | None = None  # in the last picture
         self._best: search.Best | None = None  # pixel chosen in this picture

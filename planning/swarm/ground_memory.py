@@ -15,6 +15,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Float
 
+# lengths of a DARwIn-OP; they grow with the body
 SIDE = 64  # slots to each side of the floor memory; a cell uses its indices modulo this
 FLOOR_CELL_M = 0.05  # ours: 3.2 m are stored, of which 1 m is used
 REACH_M = 1.2  # ours: farther away half a degree of pitch is 3 cm, and there is time
@@ -29,9 +30,15 @@ Seen = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
 
 
 class GroundMemory:
-    """Contact points and seen floor, world frame."""
+    """Contact points and seen floor, world frame.
 
-    def __init__(self) -> None:
+    Args:
+        breadth: Of the robot, see `RobotModel.breadth`.
+    """
+
+    def __init__(self, breadth: float = 1.0) -> None:
+        self._reach_m, self._under_m = breadth * REACH_M, breadth * UNDER_M
+        self._beside_m, self._floor_cell_m = breadth * BESIDE_M, breadth * FLOOR_CELL_M
         self._cells: dict[tuple[int, int], tuple[float, float, float]] = {}  # x, y, stamp
         self._known = np.zeros((SIDE, SIDE, 2), np.int64)  # cell of each slot
         self._known_s = np.full((SIDE, SIDE), -np.inf)  # stamp of the last sight of floor in it
@@ -63,7 +70,7 @@ class GroundMemory:
             keys = [key for key, gone in zip(self._cells, stale, strict=True) if gone]
             for key in keys:
                 del self._cells[key]
-        near = np.hypot(*(contacts - robot).T) < REACH_M
+        near = np.hypot(*(contacts - robot).T) < self._reach_m
         for x, y in contacts[near]:
             key = (math.floor(x / CELL_M), math.floor(y / CELL_M))
             self._cells[key] = (float(x), float(y), stamp_s)
@@ -71,8 +78,8 @@ class GroundMemory:
         self._see_floor(stamp_s, robot, floor_seen)
 
     def _see_floor(self, stamp_s: float, robot: Float[np.ndarray, "2"], floor_seen: Seen) -> None:
-        cells = self._around(robot, REACH_M)
-        seen = cells[floor_seen((cells + 0.5) * FLOOR_CELL_M)]
+        cells = self._around(robot, self._reach_m)
+        seen = cells[floor_seen((cells + 0.5) * self._floor_cell_m)]
         slots = seen % SIDE
         self._known[slots[:, 1], slots[:, 0]] = seen
         self._known_s[slots[:, 1], slots[:, 0]] = stamp_s
@@ -84,22 +91,21 @@ class GroundMemory:
             stamp_s: Present time.
             robot: Position, world frame, m.
         """
-        cells = self._around(robot, BESIDE_M)
-        middles = (cells + 0.5) * FLOOR_CELL_M
+        cells = self._around(robot, self._beside_m)
+        middles = (cells + 0.5) * self._floor_cell_m
         away = np.hypot(*(middles - robot).T)
         slots = cells % SIDE
         mine = (self._known[slots[:, 1], slots[:, 0]] == cells).all(axis=1)
         fresh = stamp_s - self._known_s[slots[:, 1], slots[:, 0]] <= FLOOR_MEMORY_S
-        unknown = ~(mine & fresh) & (away > UNDER_M) & (away < BESIDE_M)
+        unknown = ~(mine & fresh) & (away > self._under_m) & (away < self._beside_m)
         return np.asarray(middles[unknown])
 
-    @staticmethod
-    def _around(robot: Float[np.ndarray, "2"], reach_m: float) -> np.ndarray:
+    def _around(self, robot: Float[np.ndarray, "2"], reach_m: float) -> np.ndarray:
         """Indices (x, y) of the cells in a square round the robot."""
-        reach = min(math.ceil(reach_m / FLOOR_CELL_M), SIDE // 2 - 1)
+        reach = min(math.ceil(reach_m / self._floor_cell_m), SIDE // 2 - 1)
         span = np.arange(-reach, reach + 1)
         offsets = np.stack(np.meshgrid(span, span), axis=-1).reshape(-1, 2)
-        return np.asarray(np.floor(robot / FLOOR_CELL_M).astype(np.int64) + offsets)
+        return np.asarray(np.floor(robot / self._floor_cell_m).astype(np.int64) + offsets)
 
     def apart_from(
         self, centres: Float[np.ndarray, "m 2"], radii_m: Float[np.ndarray, "m"]

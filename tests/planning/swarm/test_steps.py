@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.pose import Pose2
-from perception.primitives.robot_model import GaitLimits
+from perception.primitives.robot_model import GaitLimits, RobotModel
 from planning.swarm import command
 from planning.swarm.corners import Corners
 from planning.swarm.ground_memory import MEMORY_S, GroundMemory
@@ -210,3 +210,13 @@ def test_the_floor_memory_moves_with_the_robot():
     assert len(memory.never_seen(0.0, HERE)) == 0
     far = np.array([3.2, 0.0])
     assert len(memory.never_seen(0.0, far)) > 100
+
+
+@pytest.mark.parametrize("radius_m", [0.10, 0.15, 0.30, 0.50])
+def test_no_cell_under_the_body_of_a_robot_counts_as_never_seen(radius_m):
+    """The guard takes such cells for obstacles; the ground at its feet a robot does not see."""
+    memory = GroundMemory(RobotModel(radius_m=radius_m).breadth)
+    memory.update(0.0, HERE, np.empty((0, 2)), lambda places: places[:, 0] > 0.0)
+    away = np.hypot(*memory.never_seen(0.0, HERE).T)
+    assert away.min() > 1.4 * radius_m
+    assert away.max() > 3.0 * radius_m
