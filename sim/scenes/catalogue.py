@@ -52,14 +52,14 @@ def load(
             paper specifies (robots_room, narrow_course, boxes, avoidance_*), scenes for measurements (empty_room,
             plain_room) and user files ignore it.
         movers: Laws of the moving objects; by default as the scene sets them.
-        walker: For whom it is made; only scenes that grow with it do, of ours `home`.
+        walker: For whom it is made, of ours only `home`; a user's file is checked for it.
 
     Raises:
         InputError: for an unknown name, an invalid seed or difficulty, or an unreadable file.
     """
     difficulties.check(difficulty)
     if name.endswith(".toml"):
-        return populated(read_scene(Path(name), seed), movers)
+        return populated(read_scene(Path(name), seed, walker), movers)
     known = _registry()
     if name not in known:
         near = difflib.get_close_matches(name, known, n=1)

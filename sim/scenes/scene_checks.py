@@ -13,12 +13,15 @@ import numpy as np
 
 from perception.primitives.errors import InputError
 
-from ..free_space import ROBOT_TOP_M, clearance_map
+from ..free_space import clearance_map
 from ..scene import Extent, FloorArea, MovingObject, Place, StaticObject
 from ..shapes import Shape, Solid, distance, outline
+from .walker import Walker
 
-ROBOT_RADIUS_M = 0.15  # seed 001: S_r
-HALF_WIDTH_M = 0.082  # seed 000: half the robot's width, for lateral steps through narrow gaps
+ROBOT_RADIUS_M = 0.15  # seed 001: S_r; grows with the breadth of the walker
+HALF_WIDTH_M = (
+    0.082  # seed 000: half the robot's width, for lateral steps through narrow gaps; likewise
+)
 LEAST_SIDE_M, MOST_SIDE_M = 1.0, 50.0  # ours: of a room; tags of a larger one take gigabytes
 STATIC = ("box", "cylinder", "furniture", "model")
 MOST_MOVING, MOST_STATIC = 50, 500  # ours: 50 moving objects of 2.4 m are 2 GB in a renderer
@@ -89,6 +92,7 @@ def check_moving_object(
     extent: Extent,
     static_objects: Sequence[StaticObject],
     start: Place,
+    walker: Walker,
 ) -> None:
     """Check that a moving object's segment is clear of walls, objects and the robot's start."""
     (ax, ay), (bx, by), radius = moving_object.start, moving_object.end, moving_object.radius_m
@@ -112,10 +116,11 @@ def check_moving_object(
                 f"move one of them{_CONVEX if isinstance(shape, Solid) else ''}"
             )
     gap = float(np.hypot(*(path - np.array(start)).T).min())
-    if gap < radius + ROBOT_RADIUS_M - 1e-9:
+    needed = radius + walker.breadth * ROBOT_RADIUS_M
+    if gap < needed - 1e-9:
         raise InputError(
             f"{where}{line} comes to {gap:.2f} m from the start ({start[0]:g}, {start[1]:g}); keep it "
-            f"{radius + ROBOT_RADIUS_M:g} m away"
+            f"{needed:g} m away"
         )
 
 
@@ -124,17 +129,19 @@ def check_places(
     extent: Extent,
     static_objects: Sequence[StaticObject],
     places: Sequence[tuple[str, Place]],
+    walker: Walker,
 ) -> None:
     """Check that the robot can stand at each named place."""
+    needed = walker.breadth * ROBOT_RADIUS_M
     for what, (x, y) in places:
         if not (extent[0] < x < extent[2] and extent[1] < y < extent[3]):
             raise InputError(f"{where}{what} ({x}, {y}) lies outside the extent {list(extent)}")
         for name, shape in _shapes(static_objects):
             gap = float(distance(shape, np.array([[x, y]]))[0])
-            if shape.bottom_m < ROBOT_TOP_M and gap < ROBOT_RADIUS_M - 1e-9:
+            if shape.bottom_m < walker.top_m and gap < needed - 1e-9:
                 raise InputError(
                     f"{where}{what} ({x}, {y}) is {gap:.2f} m from {name!r}; the robot needs "
-                    f"{ROBOT_RADIUS_M} m{_CONVEX if isinstance(shape, Solid) else ''}"
+                    f"{needed:g} m{_CONVEX if isinstance(shape, Solid) else ''}"
                 )
 
 
@@ -144,6 +151,7 @@ def check_reachable(
     static_objects: Sequence[StaticObject],
     start: Place,
     goals: Sequence[Place],
+    walker: Walker,
 ) -> None:
     """Check that a path for a robot moving sideways leads from the start to each goal.
 
@@ -153,14 +161,14 @@ def check_reachable(
     longest = max(extent[2] - extent[0], extent[3] - extent[1])
     cell = min(max(longest / _CELLS, _FINEST_CELL_M), _COARSEST_CELL_M)
     shapes = [shape for item in static_objects if not item.wall for shape in item.parts]
-    space = clearance_map(extent, shapes, cell)
-    reach = space.reachable(start, HALF_WIDTH_M - cell / math.sqrt(2.0))
+    space = clearance_map(extent, shapes, cell, walker.top_m)
+    reach = space.reachable(start, walker.breadth * HALF_WIDTH_M - cell / math.sqrt(2.0))
     for number, goal in enumerate(goals, 1):
         if not reach[space.cell(goal)]:
             hollow = _CONVEX if any(isinstance(shape, Solid) for shape in shapes) else ""
             raise InputError(
                 f"{where}goal {number} ({goal[0]:g}, {goal[1]:g}) is not reachable from the start "
-                f"({start[0]:g}, {start[1]:g}); open a gap of {2 * ROBOT_RADIUS_M:g} m, or move it{hollow}"
+                f"({start[0]:g}, {start[1]:g}); open a gap of {2 * walker.breadth * ROBOT_RADIUS_M:g} m, or move it{hollow}"
             )
 
 

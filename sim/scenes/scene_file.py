@@ -37,6 +37,7 @@ from .scene_checks import (
 )
 from .scene_table import LEAST_M, TableReader
 from .tags import place_tags
+from .walker import SMALL, Walker
 
 EXAMPLE = """\
 extent = [0, 0, 5, 4]        # x_min, y_min, x_max, y_max of the floor inside the walls
@@ -71,12 +72,13 @@ _KEYS: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 
 
-def read_scene(path: Path, seed: int) -> Scene:
+def read_scene(path: Path, seed: int, walker: Walker = SMALL) -> Scene:
     """Read a scene from a file.
 
     Args:
         path: TOML, see `EXAMPLE`.
         seed: Draws colours, textures and phases of moving objects.
+        walker: Who is to stand at start and goals and to get there.
 
     Raises:
         InputError: with file, entry, value, the expected value and a remedy.
@@ -98,12 +100,14 @@ def read_scene(path: Path, seed: int) -> Scene:
     wall = reader.material(table, "walls", "wall/cream")
     static_objects = (*walls(extent, (wall,) * 4), *_static_objects(reader, table, extent, rng))
     places = [("start", (x, y)), *((f"goal {k}", goal) for k, goal in enumerate(goals, 1))]
-    check_places(reader.where, extent, static_objects, places)
-    check_reachable(reader.where, extent, static_objects, (x, y), goals)
+    check_places(reader.where, extent, static_objects, places, walker)
+    check_reachable(reader.where, extent, static_objects, (x, y), goals, walker)
     moving_objects = []
     for number, item in reader.entries(table, "moving_object"):
         moving_objects.append(_moving_object(reader, item, number))
-        check_moving_object(reader.where, moving_objects[-1], extent, static_objects, (x, y))
+        check_moving_object(
+            reader.where, moving_objects[-1], extent, static_objects, (x, y), walker
+        )
     areas = [FloorArea(reader.material(table, "floor", "planks/oak"), extent)]
     for _, item in reader.entries(table, "area"):
         material = reader.material(item, "material", "rug/teal")

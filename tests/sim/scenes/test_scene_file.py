@@ -13,6 +13,7 @@ from perception.primitives.pose import Pose3
 from sim.scenes import catalogue
 from sim.scenes.model_files import read_model
 from sim.scenes.scene_file import EXAMPLE
+from sim.scenes.walker import Walker
 from sim.shapes import Box, Solid, distance, outline
 from sim.world import World
 
@@ -323,3 +324,25 @@ def test_a_moving_object_may_have_a_law_of_its_own(tmp_path):
     assert one.law == "curves"
     with pytest.raises(InputError, match=r"law = 'curvy'; expected one of to_and_fro, waypoints"):
         load(tmp_path, EXAMPLE + 'law = "curvy"\n')
+
+
+TALL = Walker(breadth=2.0, top_m=1.3)
+"""0.6 m wide."""
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ("at = [0.6, 2.0]\nsize = [0.4, 0.4, 0.1]\nabove = 0.8", "start .* from 'bar'"),
+        ("at = [2.5, 2.0]\nsize = [0.1, 4.0, 0.1]\nabove = 0.8", "goal 1 .* not reachable"),
+        ("at = [1.0, 2.0]\nsize = [0.3, 0.3, 0.3]", "the robot needs 0.3 m"),
+    ],
+)
+def test_a_scene_is_checked_for_the_robot_that_walks_in_it(entry, message, tmp_path):
+    """Under a bar at 0.8 m a robot of 0.46 m stands and passes, one of 1.3 m does not; nor 0.25 m beside a box."""
+    path = tmp_path / "mine.toml"
+    head = "extent = [0, 0, 5, 4]\nstart = [0.6, 2.0, 0]\ngoals = [[4.4, 2.0]]\ntags = 0\n"
+    path.write_text(f'{head}[[box]]\nname = "bar"\n{entry}\n')
+    catalogue.load(str(path), 0)
+    with pytest.raises(InputError, match=message):
+        catalogue.load(str(path), 0, walker=TALL)
