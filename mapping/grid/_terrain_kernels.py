@@ -221,6 +221,33 @@ def measure(
 
 
 @njit(cache=True)
+def slope2_about(
+    height: float,
+    heights: np.ndarray,
+    raised: np.ndarray,
+    place: Placement,
+    at: tuple[int, int],
+    shape: tuple[int, int],
+) -> float:
+    """Squared slope of the surface about a cell of a window, by the heights of its neighbours on the same surface."""
+    row, column = (place.row + at[0]) % heights.shape[0], (place.column + at[1]) % heights.shape[1]
+    total = 0.0
+    for axis in range(2):
+        rise, run = 0.0, 0.0
+        for side in (-1, 1):
+            i, j = at[0] + side * (1 - axis), at[1] + side * axis
+            if not (0 <= i < shape[0] and 0 <= j < shape[1]):
+                continue
+            r, c = (place.row + i) % heights.shape[0], (place.column + j) % heights.shape[1]
+            if raised[r, c] == raised[row, column] and not np.isnan(heights[r, c]):
+                rise += side * (heights[r, c] - height)
+                run += place.cell_m
+        if run > 0.0:
+            total += (rise / run) ** 2
+    return total
+
+
+@njit(cache=True)
 def fuse_heights(
     counts: np.ndarray,
     sums: np.ndarray,
@@ -276,9 +303,11 @@ def fuse_heights(
                 mean, spread, own = measure(count, total, squares, noise, rule.base_m2)
                 x = place.x_m + (column + 0.5) * place.cell_m
                 y = place.y_m + (row + 0.5) * place.cell_m
-                slope2 = (
-                    12.0 * spread / (place.cell_m * place.cell_m)
-                )  # of a plane with that spread
+                uneven = max(0.0, spread * count / max(1, count - 1) - noise / count)
+                slope2 = max(
+                    12.0 * uneven / (place.cell_m * place.cell_m),  # of a plane so uneven
+                    slope2_about(mean, heights, raised, place, (row, column), (rows, columns)),
+                )
                 shared = form(floor_form, x, y) + slope2 * form(pose_form, x, y)
                 old, old_variance = heights[r, c], variances[r, c]
                 new = own + shared
