@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
 TILE = 64  # ours: cells along a side; 3.2 m, so that a frame touches four to nine tiles
 
@@ -37,29 +37,41 @@ class Tiles:
         """The layers of a tile, to change in place."""
         return self._tiles[key]
 
-    def keys_in(
-        self, low: Int[np.ndarray, "2"], shape: tuple[int, int], make: bool = False
-    ) -> list[Key]:
+    def keys_in(self, low: Int[np.ndarray, "2"], shape: tuple[int, int]) -> list[Key]:
         """The tiles that a window meets.
 
         Args:
             low: Lattice cell (x, y) of its cell [0, 0].
             shape: Its rows and columns.
-            make: Make those that are not there; else they are left out.
         """
+        return [key for key in self._places(low, shape) if key in self._tiles]
+
+    def make(self, low: Int[np.ndarray, "2"], seen: Bool[np.ndarray, "rows columns"]) -> list[Key]:
+        """The tiles that hold a seen cell of a window, made where they are not there; one far cell makes one tile.
+
+        Args:
+            low: Lattice cell (x, y) of the window's cell [0, 0].
+            seen: Cells of the window.
+        """
+        rows, columns = np.nonzero(seen)
+        cells = np.stack([columns, rows], axis=1) + low
+        keys = [(column, row) for column, row in np.unique(cells // self._side, axis=0).tolist()]
+        for key in keys:
+            if key not in self._tiles:
+                side = (self._side, self._side)
+                self._tiles[key] = {n: np.full(side, value) for n, value in self._empty.items()}
+        return keys
+
+    def _places(self, low: Int[np.ndarray, "2"], shape: tuple[int, int]) -> list[Key]:
+        """Where the tiles of a window are, whether they are there or not."""
         rows, columns = shape
         first = np.asarray(low) // self._side
         last = np.add(low, [columns - 1, rows - 1]) // self._side
-        keys = [
+        return [
             (column, row)
             for row in range(int(first[1]), int(last[1]) + 1)
             for column in range(int(first[0]), int(last[0]) + 1)
         ]
-        for key in keys if make else ():
-            if key not in self._tiles:
-                side = (self._side, self._side)
-                self._tiles[key] = {n: np.full(side, value) for n, value in self._empty.items()}
-        return [key for key in keys if key in self._tiles]
 
     def read(
         self, low: Int[np.ndarray, "2"], shape: tuple[int, int], names: Sequence[str] = ()

@@ -233,7 +233,7 @@ class WorldMap:
         counts, sums = self._count(points, is_obstacle, is_moving, sigma_m, low, shape)
         x, y = (float(v) for v in low * self.cell_m)
         place = _terrain_kernels.Placement(0, 0, x, y, self.cell_m)
-        self._restless.update(self._tiles.keys_in(low, shape, make=True))
+        self._restless.update(self._tiles.make(low, (counts != 0).any(axis=0)))
         cells = self._tiles.read(low, shape)
         if sees_through is not None:
             layers = cells["hanging"], cells["height_m"], cells["log_odds"]
@@ -312,8 +312,8 @@ class WorldMap:
     ) -> tuple[Int[np.ndarray, "2"], tuple[int, int]] | None:
         """Grow so that the points fit; returns their window: its first lattice cell (x, y), rows and columns.
 
-        If the map would exceed its largest extent, points far from its centre (or from the median of the
-        points, while it is empty) are dropped and counted. None if no point is left.
+        If the map would exceed its largest extent, points beyond it (or beyond the median of the points, while it
+        is empty) by more than may be added on all its sides are dropped and counted. None if no point is left.
         """
         per_m = 1.0 / self.cell_m
         bounds = np.array(_evidence_kernels.lattice_bounds(points, per_m))
@@ -322,9 +322,13 @@ class WorldMap:
         low, high = bounds[:2], bounds[2:]
         if not self._fits(low, high):
             cells = np.floor(points[np.isfinite(points).all(axis=1), :2] * per_m)
-            middle = self._middle() if self._shape[0] else np.median(cells, axis=0)
-            reach = (int(self.config.most_cells**0.5) - 2 * GROWTH) // 2
-            near = (np.abs(cells - middle) <= reach).all(axis=1)
+            first = self._first if self._shape[0] else np.floor(np.median(cells, axis=0))
+            last = first + np.maximum(self._shape[::-1], 1) - 1
+            a, b = (float(v) for v in last - first + 1 + 2 * GROWTH)
+            # (a + 2 reach) (b + 2 reach) = most_cells
+            reach = (math.sqrt((a - b) ** 2 + 4.0 * self.config.most_cells) - a - b) / 4.0
+            reach = max(math.floor(reach), 0)
+            near = ((cells >= first - reach) & (cells <= last + reach)).all(axis=1)
             self.dropped += int((~near).sum())
             if not near.any():
                 return None
@@ -333,9 +337,6 @@ class WorldMap:
         self._grow(first, last)
         columns, rows = (int(v) for v in last - first + 1)
         return first, (rows, columns)
-
-    def _middle(self) -> Float[np.ndarray, "2"]:
-        return np.floor(self._first + np.array(self._shape[::-1]) / 2)
 
     def _fits(self, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> bool:
         if self._shape[0]:

@@ -63,6 +63,17 @@ def test_walking_the_same_ground_again_needs_no_more_tiles():
     assert once < extent  # the corners of the rectangle around a diagonal path have none
 
 
+def test_a_far_point_needs_one_tile_and_not_all_on_the_way_to_it():
+    world = WorldMap()
+    near = np.random.default_rng(0).uniform(0.0, 1.0, (50, 3)) * [1.0, 1.0, 0.0]
+    world.update(near, np.zeros(50, bool), 1.0, CAMERA)
+    once = len(world._tiles)
+    far = np.concatenate([near, [[60.0, -45.0, 0.0]]])
+    world.update(far, np.zeros(51, bool), 2.0, CAMERA)
+    assert len(world._tiles) == once + 1
+    assert world.known[tuple(world.cell_of(far[-1, :2]))]
+
+
 def test_ageing_forgets_what_moved_wherever_it_was_and_nothing_else():
     world = WorldMap()
     things = np.array([[0.52, 0.52, 0.3], [20.52, -7.48, 0.3]])
@@ -95,7 +106,7 @@ def test_what_is_written_into_windows_is_read_back_as_from_one_array(windows):
     for k, (x, y, columns, rows) in enumerate(windows):
         values = np.full((rows, columns), np.float32(k))
         low = np.array([x, y])
-        found.keys_in(low, (rows, columns), make=True)
+        found.make(low, np.ones((rows, columns), np.bool_))
         found.write(low, {"a": values})
         dense[y + 150 : y + 150 + rows, x + 150 : x + 150 + columns] = k
     whole = found.read(np.array([-150, -150]), (300, 300))

@@ -254,6 +254,22 @@ def test_outliers_far_away_do_not_enlarge_the_map():
     assert world.known.sum() == known
 
 
+def test_a_map_that_may_not_grow_further_is_still_kept_up_to_date_everywhere():
+    # A corridor along x, longer than the limit allows; then something stands at its beginning.
+    rng = np.random.default_rng(1)
+    world = WorldMap(WorldMapConfig(most_cells=65_536))
+    for k in range(60):
+        places = np.column_stack([rng.uniform(0.4 * k, 0.4 * k + 1.0, 300), rng.uniform(0, 1, 300)])
+        world.update(level(places), np.zeros(300, bool), float(k), CAMERA)
+    assert world.dropped > 0
+    box = np.tile([0.52, 0.52, 0.2], (5, 1))
+    for k in range(20):
+        world.update(box, np.ones(5, bool), 100.0 + k, CAMERA)
+    cell = tuple(world.cell_of(box[0, :2]))
+    assert world.updated_s[cell] == 119.0
+    assert world.probability[cell] > 0.5
+
+
 def test_bad_input_is_refused_with_its_reason():
     with pytest.raises(ConfigError, match=r"cell_m=0\.0 must be positive"):
         WorldMapConfig(cell_m=0.0)
