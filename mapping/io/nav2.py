@@ -119,11 +119,13 @@ def _save_yaml(
     cell_m: float,
 ) -> Path:
     free, occupied = thresholds
+    # without an exponent: YAML takes 5e-05, which has no dot, for a text
+    x, y, side = (np.format_float_positional(v, trim="0") for v in (*origin.astype(float), cell_m))
     yaml = (
         f"image: {image}\n"
         f"mode: {mode}\n"
-        f"resolution: {cell_m!r}\n"
-        f"origin: [{float(origin[0])!r}, {float(origin[1])!r}, 0.0]\n"
+        f"resolution: {side}\n"
+        f"origin: [{x}, {y}, 0.0]\n"
         "negate: 0\n"
         f"occupied_thresh: {occupied}\n"
         f"free_thresh: {free}\n"
@@ -136,8 +138,8 @@ def _save_yaml(
 def load(path: str | Path) -> OccupancyMap:
     """Read a map by its yaml file, as map_server does.
 
-    Mode "trinary" gives p of 0 (free), 0.5 (unknown) or 1 (occupied); "scale" keeps p between the thresholds, and
-    transparent pixels of a PNG are unknown.
+    Mode "trinary" gives p of 0 (free), 0.5 (unknown) or 1 (occupied). In mode "scale" p rises linearly from the one
+    threshold to the other, and transparent pixels of a PNG are unknown.
 
     Raises:
         InputError: A file is missing, truncated or of another format, or the map is rotated.
@@ -152,14 +154,15 @@ def load(path: str | Path) -> OccupancyMap:
     origin = _origin(path, entries["origin"])
     light = pixels[::-1].astype(np.float32) / 255
     p = light if entries.get("negate", "0") in ("1", "true") else 1 - light
-    occupied = p > _number(path, entries, "occupied_thresh")
-    free = p < _number(path, entries, "free_thresh")
+    high, low = (_number(path, entries, f"{name}_thresh") for name in ("occupied", "free"))
+    occupied, free = p > high, p < low
     mode = entries.get("mode", "trinary")
     if mode == "trinary":
         trinary = np.where(occupied, 1, np.where(free, 0, 0.5)).astype(np.float32)
         return OccupancyMap(trinary, origin, cell_m, occupied | free)
     if mode == "scale":
-        scaled = np.where(occupied, np.float32(1), np.where(free, np.float32(0), p))
+        between = (p - np.float32(low)) / np.float32(max(high - low, 1e-6))
+        scaled = np.where(occupied, np.float32(1), np.where(free, np.float32(0), between))
         known = opaque[::-1].copy()
         return OccupancyMap(np.where(known, scaled, np.float32(0.5)), origin, cell_m, known)
     raise InputError(f"{path}: mode {mode!r} is not supported; save the map as trinary or scale")

@@ -76,7 +76,22 @@ def test_maps_of_other_writers_are_read(tmp_path):
     negated = nav2.load(write(tmp_path, GOOD.replace("negate: 0", "negate: 1")))
     assert negated.probability[1, 0] == 0.0
     scale = nav2.load(write(tmp_path, GOOD + "mode: scale\n"))
-    assert scale.probability[0, 1] == pytest.approx(1 - 128 / 255)
+    # map_server: linear from the one threshold to the other
+    darkness = 1 - 128 / 255
+    assert scale.probability[0, 1] == pytest.approx((darkness - 0.196) / (0.65 - 0.196), rel=1e-5)
+    assert scale.probability[1].tolist() == [1.0, 0.0]
+
+
+@pytest.mark.parametrize("save", [nav2.save, nav2.save_scale])
+def test_a_yaml_reader_finds_numbers_whatever_their_size_and_type(tmp_path, save):
+    yaml = pytest.importorskip("yaml")
+    known = np.ones((1, 1), np.bool_)
+    origin = np.array([-5e-05, 1234567.25])
+    path = save(tmp_path, "m", np.ones((1, 1), np.float32), known, origin, np.float64(0.05))
+    entries = yaml.safe_load(path.read_text())
+    assert entries["resolution"] == 0.05
+    assert entries["origin"] == [-5e-05, 1234567.25, 0.0]
+    assert nav2.load(path).cell_m == 0.05
 
 
 @pytest.mark.parametrize(
