@@ -3,13 +3,14 @@
 The sphere has one centre and the cameras are near it: each view is drawn as seen from the centre, by
 intersecting each ray with its depth. If views disagree, the nearest range occludes the others. Ranges up to
 3 cm behind it (or four standard deviations, at long range) belong to the same surface and are averaged with
-inverse variance.
+inverse variance. A panorama of more than a turn shows each direction once: its ends, straight behind, meet.
 
 Source: Kang 2013 (seed 004), section 4 (vi), as reconstructed.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -88,9 +89,10 @@ def render(
     ranges, sigmas = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
     for number, (view_range, view_sigma, part) in enumerate(drawn):
         left, top = corner(part, sphere)
-        rows, columns = slice(top, top + part.height), slice(left, left + part.width)
-        ranges[number, rows, columns] = view_range
-        sigmas[number, rows, columns] = view_sigma
+        rows = slice(top, top + part.height)
+        columns = (left + np.arange(part.width)) % _turn(px_per_rad)
+        ranges[number][rows, columns] = view_range
+        sigmas[number][rows, columns] = view_sigma
     range_m, sigma_m = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
     newest = np.empty(shape[1:], np.int64)
     order = np.argsort([view.stamp_s for view, _ in known], kind="stable")
@@ -101,14 +103,22 @@ def render(
     return Drawing(sphere, centre, range_m, sigma_m, stamp, shown)
 
 
+def _turn(px_per_rad: float) -> int:
+    """Columns of a whole turn."""
+    return round(2.0 * math.pi * px_per_rad)
+
+
 def _enclosing(windows: Sequence[Sphere], px_per_rad: float) -> Sphere:
-    """The smallest window that contains windows of one grid."""
+    """The smallest window that contains windows of one grid; of more than a turn the one from behind to behind."""
     left = min(w.left_rad for w in windows)
     top = max(w.top_rad for w in windows)
     right = max(w.left_rad + (w.width - 1) / px_per_rad for w in windows)
     bottom = min(w.top_rad - (w.height - 1) / px_per_rad for w in windows)
+    width, turn = round((right - left) * px_per_rad) + 1, _turn(px_per_rad)
+    if width > turn:
+        width, left = turn, -(turn // 2) / px_per_rad
     return Sphere(
-        round((right - left) * px_per_rad) + 1,
+        width,
         round((top - bottom) * px_per_rad) + 1,
         px_per_rad,
         left,

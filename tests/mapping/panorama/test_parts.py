@@ -218,6 +218,27 @@ def test_a_rendered_panorama_has_the_ranges_of_the_room():
     assert render(views, [None] * 3) is None
 
 
+@pytest.mark.parametrize("pans_deg", [range(0, 391, 30), range(-180, 180, 30), (-170, 170)])
+def test_a_panorama_of_more_than_a_turn_shows_every_direction_once(pans_deg):
+    # A round wall of 2 m about the camera; a direction has the newest stamp of all views that show it.
+    rays = TOF.rays
+    z = (2.0 / np.hypot(rays[..., 0], rays[..., 2])).astype(np.float32)
+    poses = [corner_pose(math.radians(pan), 0.0, (0.0, 0.0, 0.0)) for pan in pans_deg]
+    depth = Depth(z, np.full_like(z, 0.01), TOF)
+    views = [View(depth, (), None, float(k)) for k in range(len(poses))]
+    drawing = render(views, [Placed(pose, np.eye(6), "encoders", 0) for pose in poses])
+    assert drawing.sphere.width <= 360 * 4
+    level = round(drawing.sphere.top_rad * drawing.sphere.px_per_rad)
+    theta, _ = drawing.sphere.angles(np.arange(drawing.sphere.width), level)
+    off = np.array([(theta + math.radians(p) + np.pi) % (2 * np.pi) - np.pi for p in pans_deg])
+    shown = np.abs(off) < math.radians(21.0)
+    newest = len(poses) - 1 - np.argmax(shown[::-1], axis=0)
+    sure = shown.any(axis=0) & ~((np.abs(off) > math.radians(21)) & (np.abs(off) < 0.4)).any(axis=0)
+    assert sure.sum() > 100
+    np.testing.assert_allclose(drawing.range_m[level, sure], 2.0, atol=0.01)
+    np.testing.assert_array_equal(drawing.stamp_s[level, sure], newest[sure])
+
+
 def test_the_nearest_range_occludes_others_and_equal_surfaces_are_averaged():
     pose = corner_pose(0.0, 0.0)
     placed = [Placed(pose, np.eye(6), "encoders", 0)] * 2
