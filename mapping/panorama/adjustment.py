@@ -109,7 +109,7 @@ def linked_sets(links: Sequence[Link], count: int) -> list[int]:
 
 def largest_set(first: Sequence[int]) -> set[int]:
     """The largest set of views in the result of `linked_sets`; of equal ones the first."""
-    best = max(first, key=lambda one: (first.count(one), -one))
+    best = max(first, key=lambda one: (first.count(one), -one), default=-1)
     return {number for number, own in enumerate(first) if own == best}
 
 

@@ -29,7 +29,7 @@ OUTER_SHARE = 0.25  # ours: share of the rows that reach the edge or beyond
 SAME_PX = 1.5  # ours: rows that end this close to the edge show the same edge
 CORRELATED_ROWS = 4.0  # ours: neighbouring rows that cross an edge at the same offset in the pixel
 LEAST_PX = 0.08  # ours: smallest standard deviation of an edge
-INNER_PX = 5  # ours: pixels from which a face is extrapolated to its edge
+INNER_PX, LEAST_INNER_PX = 5, 3  # ours: pixels from which a face is extrapolated to its edge
 BENT_SHARE = 0.02  # ours: relative depth residual of a face above which it has a crease
 HIDDEN_SHARE = 0.3  # ours: an edge occluded in more rows is not the obstacle's own
 SAME_RANGE_M = 0.05  # seed 004: one level; pixel and panorama this close show the same surface
@@ -214,24 +214,25 @@ def _depth_at(
     last: Int[np.ndarray, "h"],
     end: Float[np.ndarray, "h"],
 ) -> Float[np.ndarray, "h"]:
-    """Depth of the obstacle at its edge, extrapolated along its face, on which 1/z is linear."""
+    """Depth of the obstacle at its edge, extrapolated along its outermost face, on which 1/z is linear.
+
+    Of a face with fewer pixels before a crease, as a top seen at a grazing angle, fewer are used. Without any straight
+    piece it is the median depth.
+    """
     line = np.arange(mask.shape[0])[:, None]
-    steps = np.arange(INNER_PX)
-    reach = np.minimum(last[:, None] + steps, mask.shape[1] - 1)
+    reach = np.minimum(last[:, None] + np.arange(INNER_PX), mask.shape[1] - 1)
     shown = mask[line, reach] & np.isfinite(z[line, reach])
     inverse = np.where(shown, 1.0 / z[line, reach].astype(np.float64), np.nan)
-    whole = shown.all(axis=1)
-    level = 1.0 / np.nanmedian(inverse, axis=1)
-    middle = (INNER_PX - 1) / 2.0
-    slope = (np.where(shown, inverse, 0.0) @ (steps - middle)) / float(
-        ((steps - middle) ** 2).sum()
-    )
-    straight = 1.0 / (np.where(shown, inverse, 1.0).mean(axis=1) + slope * (end - last - middle))
-    line_of = np.where(shown, inverse, 1.0).mean(axis=1)[:, None] + slope[:, None] * (
-        steps - middle
-    )
-    bent = np.abs(np.where(shown, inverse / line_of - 1.0, 0.0)).max(axis=1)
-    return np.where(whole & (bent < BENT_SHARE), straight, level)
+    found = 1.0 / np.nanmedian(inverse, axis=1)
+    for count in range(LEAST_INNER_PX, INNER_PX + 1):
+        level = inverse[:, :count].mean(axis=1)
+        steps = np.arange(count) - (count - 1) / 2.0
+        slope = inverse[:, :count] @ steps / float((steps**2).sum())
+        face = level[:, None] + slope[:, None] * steps
+        straight = np.abs(inverse[:, :count] / face - 1.0).max(axis=1) < BENT_SHARE
+        at_end = level + slope * (end - last - (count - 1) / 2.0)
+        found[straight] = 1.0 / at_end[straight]
+    return found
 
 
 @dataclass(frozen=True)
@@ -278,6 +279,13 @@ def fuse_edge(found: Sequence[EdgeCrossings]) -> Edge | None:
     point = np.concatenate([c.points[kept] for c, kept in close]).mean(axis=0)
     spread = max(float(values.std()), 0.15 * unit)
     sigma = spread / np.sqrt(max(values.size / CORRELATED_ROWS, 1.0))
+    # rows that an edge parallel to the columns crosses at one offset within a pixel do not average it out
+    parallel = [
+        kept.sum() * np.sqrt(max(unit**2 / 12.0 - c.values[kept].var(), 0.0))
+        for c, kept in close
+        if kept.any()
+    ]
+    sigma = np.hypot(sigma, np.linalg.norm(parallel) / values.size)
     hidden = np.concatenate([c.hidden[kept] for c, kept in close])
     leading = max(close, key=lambda pair: int(pair[1].sum()))[0]
     x, y, z = (float(v) for v in point)

@@ -31,6 +31,13 @@ def rotations(placed):
     return [p.T_base_camera.rotation for p in placed]
 
 
+@pytest.mark.parametrize("moving", [False, True])
+def test_no_views_are_an_empty_panorama(moving):
+    found = stitch([], np.random.default_rng(0), StitchConfig(moving=moving))
+    assert found.placed == []
+    assert found.drawing is None
+
+
 @pytest.mark.parametrize(("scene", "seed"), [("boxes", 0), ("home", 0), ("corridor", 1)])
 def test_stitching_corrects_encoder_errors_of_half_a_degree(placed_round, scene, seed):
     views, true, (placed, _, _) = placed_round(scene, seed)
