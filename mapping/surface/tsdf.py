@@ -99,11 +99,9 @@ class Tsdf:
 
     def _touch(self, depth: Depth, T_map_camera: Pose3, rule: kernels.Fusion) -> np.ndarray:
         """Numbers of the blocks near the surface of an image; missing ones are created."""
-        few = depth.z[::16, ::16]
-        few = few[np.isfinite(few)]
-        typical_m = float(np.quantile(few, 0.9)) if few.size else 1.0  # few pixels are farther
+        farthest_m = float(np.max(depth.z, initial=NEAREST_M, where=depth.z < rule.farthest))
         block_m = kernels.SIDE * self.config.voxel_m
-        stride = max(1, int(STRIDE_BLOCKS * block_m * depth.camera.fx / typical_m))
+        stride = max(1, int(STRIDE_BLOCKS * block_m * depth.camera.fx / farthest_m))
         x, y = depth.camera.single_slopes
         T = T_map_camera.matrix
         while True:

@@ -110,6 +110,16 @@ def test_a_slanted_plane_is_not_shifted_by_the_rounding_to_pixels() -> None:
     assert np.mean(z[inner] - 1.2 - x[inner]) == pytest.approx(0.0, abs=0.0015)
 
 
+def test_a_far_wall_beside_a_near_one_has_no_holes() -> None:
+    z = np.full((120, 160), 0.5, np.float32)
+    z[:, 48:64] = 4.5  # a gap through which a wall is seen; its rim is lost
+    surface = Tsdf()
+    surface.integrate(Depth(z, np.full_like(z, 0.005), CAMERA), Pose3())
+    mesh = surface.mesh()
+    far = mesh.vertices[mesh.triangles][..., 2].min(axis=1) > 4.4
+    assert mesh.areas[far].sum() > 0.85 * 120 * 16 * (4.5 / 131.0) ** 2
+
+
 def test_a_surface_that_moved_is_followed_however_often_the_old_one_was_seen() -> None:
     """The weight is limited to 1000; without the limit the surface would stay 12 mm from the new place."""
     many = [flat(1.0, 0.0002)] * 30  # weight 100 each
