@@ -100,7 +100,8 @@ def fuse(
             for k in range(count):
                 value = ranges[k, r, c]
                 if value > 0.0 and value <= nearest + max(within, 4.0 * sigmas[k, r, c]):
-                    weight = 1.0 / (sigmas[k, r, c] * sigmas[k, r, c])
+                    sigma = max(sigmas[k, r, c], np.float32(1e-6))  # exact depth has 0
+                    weight = 1.0 / (sigma * sigma)
                     total += weight * value
                     weights += weight
                     newest[r, c] = k

@@ -172,7 +172,8 @@ def integrate(
 ) -> None:
     """Update the weighted mean distance to the surface in every voxel of the visible blocks.
 
-    The distance is along the optical axis, divided by the band and at most 1; its weight is 1/sigma^2.
+    The distance is along the optical axis, divided by the band and at most 1; its weight is 1/sigma^2, at most that of a
+    voxel: exact depth has sigma 0.
 
     Args:
         z, sigma: (h, w) depth and its standard deviation, m.
@@ -224,7 +225,7 @@ def integrate(
                     if distance < -one:
                         continue
                     s = sigma[iv, iu]
-                    weight = unit2 / (s * s)
+                    weight = unit2 / max(s * s, unit2 / most)
                     if distance < np.float32(0.0):
                         weight *= one + distance * half
                     cell = block[base + k]

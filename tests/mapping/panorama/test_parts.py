@@ -243,9 +243,9 @@ def test_the_nearest_range_occludes_others_and_equal_surfaces_are_averaged():
     pose = corner_pose(0.0, 0.0)
     placed = [Placed(pose, np.eye(6), "encoders", 0)] * 2
 
-    def view(z_m, stamp):
+    def view(z_m, stamp, sigma_m=0.01):
         z = np.full((144, 176), z_m, np.float32)
-        return View(Depth(z, np.full_like(z, 0.01), TOF), (), None, stamp)
+        return View(Depth(z, np.full_like(z, sigma_m), TOF), (), None, stamp)
 
     near = render([view(1.0, 0.0), view(2.0, 1.0)], placed)
     middle = near.sphere.height // 2, near.sphere.width // 2
@@ -255,6 +255,8 @@ def test_the_nearest_range_occludes_others_and_equal_surfaces_are_averaged():
     assert same.range_m[middle] == pytest.approx(1.01, abs=0.001)
     assert same.sigma_m[middle] == pytest.approx(0.01 / math.sqrt(2), rel=0.01)
     assert same.stamp_s[middle] == 1.0
+    exact = render([view(1.0, 0.0, 0.0), view(1.02, 1.0)], placed)  # depth without noise
+    assert exact.range_m[middle] == pytest.approx(1.0, abs=0.001)
 
 
 def test_the_correlation_agrees_with_opencv():

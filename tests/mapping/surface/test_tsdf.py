@@ -120,6 +120,15 @@ def test_a_far_wall_beside_a_near_one_has_no_holes() -> None:
     assert mesh.areas[far].sum() > 0.85 * 120 * 16 * (4.5 / 131.0) ** 2
 
 
+def test_depth_without_noise_is_fused() -> None:
+    surface, z = Tsdf(), np.full((120, 160), 1.5, np.float32)
+    for _ in range(3):
+        surface.integrate(Depth(z, np.zeros_like(z), CAMERA), Pose3())
+    vertices = surface.mesh().vertices
+    assert len(vertices) > 1000
+    np.testing.assert_allclose(vertices[:, 2], 1.5, atol=1e-4)
+
+
 def test_a_surface_that_moved_is_followed_however_often_the_old_one_was_seen() -> None:
     """The weight is limited to 1000; without the limit the surface would stay 12 mm from the new place."""
     many = [flat(1.0, 0.0002)] * 30  # weight 100 each
