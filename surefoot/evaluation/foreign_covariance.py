@@ -36,6 +36,7 @@ SPACE, PLANAR, POSITION = "space", "planar", "position"
 GROWING, INDEPENDENT, ALIGNED, GRAPH = "growing", "independent", "aligned", "graph"
 UNFIT = "unfit"
 GROWS = 0.1  # ours: of a localiser the first covariance is as large as the others, of odometry it is nearly zero
+LEAST_LEFT = 2e-3  # ours: share of the variance after alignment; of errors that grow for a tenth of the poses 5e-3
 _SIZES = {36: (6, False), 21: (6, True), 9: (3, False), 6: (3, True)}
 _COVARIANCE = re.compile(r"P[_\d]|(?i:cov)")
 _SPREAD = re.compile(
@@ -48,8 +49,7 @@ _SAME_M = 1e-3  # ours: a vertex is at the pose of the trajectory that is this c
 WORDS = {
     GROWING: "covariances grow from the start: errors are taken to be accumulated, as of odometry",
     INDEPENDENT: "covariances do not grow from the start: errors are taken to be independent from pose to pose",
-    UNFIT: "covariances grow from the start, but not as accumulated errors do (the later ones would have to contain the "
-    "earlier ones): errors are taken to be independent from pose to pose",
+    UNFIT: "covariances grow from the start, but not as accumulated errors do: errors are taken to be independent from pose to pose",
     ALIGNED: "covariances are those of the error after rigid alignment",
     GRAPH: "covariances of all poses together follow from the pose graph",
 }
@@ -91,12 +91,19 @@ class Claims:
         return without_gauge(*self.gauge(positions), covariances, self.carry(positions))
 
     def fitting(self, poses: Trajectory, chosen: Int[np.ndarray, "m"]) -> Claims:
-        """These claims; as `UNFIT` if they grow but most would be impossible for accumulated errors after alignment."""
+        """These claims; as `UNFIT` if they grow but cannot be those of accumulated errors.
+
+        Of accumulated errors most covariances after alignment would be impossible, or alignment would leave nearly
+        nothing, since all growth is within a few poses: those of a localiser that was told its start.
+        """
         if self.shared == GROWING:
-            own = np.linalg.eigvalsh(self.covariances[chosen])
-            regular = own[:, 0] > 1e-12 * own[:, -1]
-            left = np.linalg.eigvalsh(self.left(poses, chosen)[regular])
-            if regular.any() and np.mean(left[:, 0] > 0.0) < 0.5:
+            own = self.covariances[chosen]
+            sizes = np.linalg.eigvalsh(own)
+            regular = sizes[:, 0] > 1e-12 * sizes[:, -1]
+            left = self.left(poses, chosen)[regular]
+            shares = np.trace(np.linalg.solve(own[regular], left), axis1=1, axis2=2) / own.shape[1]
+            possible = np.linalg.eigvalsh(left)[:, 0] > 0.0
+            if regular.any() and (np.mean(possible) < 0.5 or np.median(shares) < LEAST_LEFT):
                 return replace(self, shared=UNFIT)
         return self
 
@@ -111,28 +118,24 @@ class Claims:
     def together(
         self, poses: Trajectory, chosen: Int[np.ndarray, "m"], aligned: bool
     ) -> Float[np.ndarray, "m k m k"] | None:
-        """Covariance of the errors of some poses together; None if the file does not tell.
+        """Covariance of accumulated errors of some poses together; None of errors that are not accumulated.
 
         Args:
             poses: The trajectory.
             chosen: Indices into `rows`, at most some hundred.
             aligned: After the rigid alignment over these poses.
         """
-        if self.shared in (ALIGNED, GRAPH):
+        if self.shared != GROWING:
             return None
         positions, own = poses.positions[self.rows[chosen]], self.covariances[chosen]
         n, k = own.shape[:2]
-        joint = np.zeros((n, k, n, k))
-        if self.shared != GROWING:
-            joint[np.arange(n), :, np.arange(n), :] = own
-        else:
-            carry = self.carry(positions)
-            back = np.linalg.inv(carry)
-            grown = back @ own @ back.transpose(0, 2, 1)
-            rank = np.argsort(np.argsort(np.trace(grown, axis1=1, axis2=2), kind="stable"))
-            lesser = np.where(rank[:, None] <= rank, np.arange(n)[:, None], np.arange(n))
-            blocks = carry[:, None] @ grown[lesser] @ carry.transpose(0, 2, 1)[None]
-            joint = blocks.transpose(0, 2, 1, 3).copy()
+        carry = self.carry(positions)
+        back = np.linalg.inv(carry)
+        grown = back @ own @ back.transpose(0, 2, 1)
+        rank = np.argsort(np.argsort(np.trace(grown, axis1=1, axis2=2), kind="stable"))
+        lesser = np.where(rank[:, None] <= rank, np.arange(n)[:, None], np.arange(n))
+        blocks = carry[:, None] @ grown[lesser] @ carry.transpose(0, 2, 1)[None]
+        joint = blocks.transpose(0, 2, 1, 3).copy()
         if aligned:
             moves, best = self.gauge(positions)
             kept = np.eye(n * k) - moves.reshape(n * k, -1) @ best.transpose(1, 0, 2).reshape(

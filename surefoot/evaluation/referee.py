@@ -139,11 +139,8 @@ def judge(
     errors = errors_of(claims.kind, pick(found, rows), pick(true, rows), same_axes)
     if claims.kind == SPACE and not same_axes:
         _check_body(pick(found, rows), pick(true, rows), doubtful)
-    if same_axes:
-        covariances = claims.covariances[chosen]
-    else:
-        claims = claims.fitting(estimate.poses, chosen)
-        covariances = claims.left(estimate.poses, chosen)
+    claims = claims.fitting(estimate.poses, chosen)
+    covariances = claims.covariances[chosen] if same_axes else claims.left(estimate.poses, chosen)
     lengths = _LENGTHS[claims.kind]
     own = [truth_sigma[0]] * lengths + [truth_sigma[1]] * (errors.shape[1] - lengths)
     covariances = covariances + np.diag(np.square(own))

@@ -553,6 +553,38 @@ def test_claims_that_grow_but_cannot_be_accumulated_are_judged_as_independent(tm
     assert metrics["poses_judged"] >= n - 1
 
 
+def _constant_claims(tmp_path, n, factor, first=1.0):
+    """Independent errors of a walk on a circle, `factor` times as large as claimed; the first one `first` times."""
+    rng = np.random.default_rng(4)
+    angles = 0.02 * np.arange(n)
+    true = [Pose3((5 * np.cos(a), 5 * np.sin(a), 0.0)) for a in angles]
+    sizes = 0.02 * np.where(np.arange(n) > 0, 1.0, first)
+    off = [
+        Pose3(tuple(p.position + factor * s * rng.normal(size=3)))
+        for p, s in zip(true, sizes, strict=True)
+    ]
+    rows = [(s**2 * np.eye(3)).ravel() for s in sizes]
+    np.savetxt(tmp_path / "c.csv", rows, delimiter=",", fmt="%.17g")
+    truth = tum(tmp_path / "t.txt", np.arange(n), true)
+    return tum(tmp_path / "f.txt", np.arange(n), off), tmp_path / "c.csv", truth
+
+
+@pytest.mark.parametrize("same_axes", [False, True])
+def test_every_pose_with_an_independent_error_counts(tmp_path, same_axes):
+    """2000 samples tell 6 % apart: the mean of 3 scatters by sqrt(6 / 2000)."""
+    judged = judge_files(*_constant_claims(tmp_path, 2000, 1.06), same_axes).metrics
+    assert judged["pose_effective_samples"] > 1800
+    assert judged["verdict"] == TOO_SURE
+
+
+@pytest.mark.parametrize("same_axes", [False, True])
+def test_a_known_start_does_not_make_the_errors_of_a_localiser_accumulate(tmp_path, same_axes):
+    """Else alignment would leave no covariance, or all poses be one sample, which tells nothing below 1.76 times."""
+    judged = judge_files(*_constant_claims(tmp_path, 300, 1.5, first=1e-3), same_axes).metrics
+    assert judged["verdict"] == TOO_SURE
+    assert judged["factor"] == pytest.approx(1.5, rel=0.1)
+
+
 def test_poses_without_stamps_need_as_many_true_poses(tmp_path):
     _, _, truth = Walk(0, n=20).write(tmp_path)
     np.savetxt(tmp_path / "k.txt", np.tile(np.eye(4)[:3].ravel(), (7, 1)))
