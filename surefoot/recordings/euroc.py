@@ -111,7 +111,7 @@ class EurocRecording(StereoRecording):
         remarks: list[str],
     ) -> None:
         self._stamps = [stamp for stamp, _, _ in files]
-        pairs = [(_NS * (stamp - self._stamps[0]), a, b) for stamp, a, b in files]
+        pairs = [(_NS * stamp, a, b) for stamp, a, b in files]
         super().__init__(path, info, pairs, left.camera, rig.apply, remarks)
         self.rig = rig
         self.T_body_rectified = left.T_body_camera @ rig.T_left_rectified

@@ -22,14 +22,14 @@ from .replica import is_replica, open_replica
 from .robot_log import robot_files
 from .rosbag import RosbagRecording, is_rosbag
 from .seven_scenes import is_seven_scenes, open_seven_scenes
-from .stereo_pairs import is_stereo, open_stereo
+from .stereo_pairs import has_pairs, is_stereo, open_stereo, without_calibration
 from .tum import is_tum, open_tum
 
 MCAP_NAME = "recording.mcap"
 KINDS = (
     "a run folder or .mcap file of `surefoot simulate --record`, a ROS 1 .bag, a ROS 2 bag (folder, .mcap or "
     ".db3), a TUM RGB-D, ICL-NUIM, 7-Scenes, EuRoC, Redwood/Open3D or Replica folder, a folder of rectified stereo "
-    "pairs with the yaml files of ROS or OpenCV, an organised .pcd file, a folder of depth images with a "
+    "pairs with the calibration of ROS, OpenCV or KITTI, an organised .pcd file, a folder of depth images with a "
     "recording.toml, or (process only) the log of a wheeled robot: an MRCLAM folder or Robot<n>_Odometry.dat of one, "
     "or a Plaza .mat file"
 )
@@ -135,6 +135,8 @@ def _nothing_known(path: Path) -> RecordingError:
         return RecordingError(
             f"{path}: this run was not recorded (no {MCAP_NAME}); run `surefoot simulate --record`"
         )
+    if has_pairs(path):
+        return without_calibration(path)
     found = pictures(path / "depth") or pictures(path)
     if found:
         return needs_description(path, found)

@@ -1,10 +1,10 @@
-"""Calibration files of stereo rigs: EuRoC (raw cameras on a body), ROS and OpenCV (a rectified pair).
+"""Calibration files of stereo rigs: EuRoC (raw cameras on a body), ROS, OpenCV and KITTI (a rectified pair).
 
 Those of EuRoC and ROS are simple YAML: a key, and a list of numbers after it or after `data:` below it. Nothing
 else is read.
 
 Source: Burri et al., IJRR 2016; ROS camera_info (P of the right camera holds -f times the baseline); OpenCV,
-stereoRectify (P1 and P2, likewise).
+stereoRectify (P1 and P2, likewise); Geiger et al., CVPR 2012 (P0 to P3, all relative to camera 0).
 """
 
 from __future__ import annotations
@@ -114,6 +114,24 @@ def read_opencv_pair(path: Path, width: int, height: int) -> tuple[Camera, float
     return _rectified(path, path, width, height, P, Q)
 
 
+def read_kitti_pair(
+    path: Path, names: tuple[str, str], width: int, height: int
+) -> tuple[Camera, float]:
+    """Camera and baseline, m, of a rectified pair: two lines of the `calib.txt` of KITTI's odometry benchmark.
+
+    Args:
+        path: Lines of a name, a colon and 12 numbers.
+        names: Of the left and of the right projection matrix, such as P0 and P1.
+        width, height: Of the images, which the file does not tell.
+
+    Raises:
+        RecordingError: A matrix is missing, the two do not match, or the baseline is not positive.
+    """
+    text = re.sub(r"^(\w+):(.*)$", r"\1: [\2]", _read(path), flags=re.M)
+    P, Q = (_numbers(path, text, name, (12,)).reshape(3, 4) for name in names)
+    return _rectified(path, path, width, height, P, Q)
+
+
 def _opencv_matrix(path: Path, text: str, name: str) -> Float[np.ndarray, "3 4"]:
     """A 3x4 matrix of a file of OpenCV's FileStorage."""
     xml = re.search(rf"<{name}\b[^>]*>(.*?)</{name}>", text, re.DOTALL)
@@ -142,7 +160,7 @@ def _rectified(
             f"{right}: cx is {Q[0, 2]:.2f} px, that of the left camera {P[0, 2]:.2f} px; pairs whose "
             "disparity does not vanish at infinity are not read, rectify with CALIB_ZERO_DISPARITY"
         )
-    baseline = float(-Q[0, 3] / Q[0, 0])
+    baseline = float((P[0, 3] - Q[0, 3]) / Q[0, 0])
     if not 0.0 < baseline < MOST_BASELINE_M:
         raise RecordingError(
             f"{right}: its projection matrix gives a baseline of {baseline:g} m; -f times a positive "

@@ -1,13 +1,14 @@
-"""Folders of rectified stereo pairs with the calibration files of ROS or OpenCV.
+"""Folders of rectified stereo pairs with the calibration files of ROS, OpenCV or KITTI.
 
-Images are in `left/` and `right/` (or `image_0/` and `image_1/`), or in one folder with `left` and `right` in their
-names. Calibration: `left.yaml` and `right.yaml`, or `NAME_left.yaml` and `NAME_right.yaml`, as ROS
-camera_calibration writes them; or one `.yaml`, `.yml` or `.xml` file of OpenCV with P1 and P2, as stereoRectify
-gives them. The calibration is in the folder or one folder up.
+Images are in `left/` and `right/` (or `image_0/` and `image_1/`, `image_2/` and `image_3/`), or in one folder with
+`left` and `right` in their names. Calibration: `left.yaml` and `right.yaml`, or `NAME_left.yaml` and `NAME_right.yaml`,
+as ROS camera_calibration writes them; one `.yaml`, `.yml` or `.xml` file of OpenCV with P1 and P2, as stereoRectify
+gives them; or `calib.txt` of KITTI's odometry benchmark with P0 to P3. The calibration is in the folder or one folder up.
 
-Stamps are the file names where these are times, in s with a fraction or in ns; else 30 Hz are assumed.
+Stamps are those of `times.txt`, one a line, s, or the file names where these are times, in s with a fraction or in
+ns; else 30 Hz are assumed.
 
-Source: ROS sensor_msgs/CameraInfo; OpenCV, samples/cpp/stereo_calib.cpp (extrinsics.yml).
+Source: ROS sensor_msgs/CameraInfo; OpenCV, samples/cpp/stereo_calib.cpp (extrinsics.yml); Geiger et al., CVPR 2012.
 """
 
 from __future__ import annotations
@@ -27,20 +28,46 @@ from perception.primitives.frame import Frame, StereoView
 from .description import Description, complete
 from .folder import KINECT_HZ, is_stamp, pair, pictures
 from .images import image_size, read_colour
+from .poses import numbers, read_lines
 from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame, with_following
-from .stereo_calibration import has_opencv_pair, read_opencv_pair, read_rectified_pair
+from .stereo_calibration import (
+    has_opencv_pair,
+    read_kitti_pair,
+    read_opencv_pair,
+    read_rectified_pair,
+)
 
 Grey: TypeAlias = UInt8[np.ndarray, "h w"]
 
-_FOLDERS = (("left", "right"), ("image_0", "image_1"), ("image_left", "image_right"))
+_FOLDERS = (
+    ("left", "right"),
+    ("image_0", "image_1"),
+    ("image_2", "image_3"),
+    ("image_left", "image_right"),
+)
+_KITTI = "calib.txt"
+_KITTI_MATRICES = {"image_0": ("P0", "P1"), "image_2": ("P2", "P3")}
 _SUFFIXES = (".yaml", ".yml")
 _NS_DIGITS = 16  # a name of this many digits or more is a time in ns
 
 
 def is_stereo(path: Path) -> bool:
     """Whether the folder has images of both sides, and a calibration."""
+    return has_pairs(path) and (_ros(path) or _opencv(path) or _kitti(path)) is not None
+
+
+def has_pairs(path: Path) -> bool:
+    """Whether the folder has images of both sides."""
     left, right = _images(path)
-    return bool(left) and bool(right) and (_ros(path) or _opencv(path)) is not None
+    return bool(left) and bool(right)
+
+
+def without_calibration(path: Path) -> RecordingError:
+    """The error for a folder of pairs without a calibration."""
+    return RecordingError(
+        f"{path}: stereo images without a calibration; expected there or one folder up left.yaml and right.yaml of ROS, a "
+        f"yaml or xml file of OpenCV with P1 and P2, or {_KITTI} of KITTI beside image_0 and image_1"
+    )
 
 
 def open_stereo(path: Path, description: Description | None = None) -> StereoRecording:
@@ -55,15 +82,15 @@ def open_stereo(path: Path, description: Description | None = None) -> StereoRec
     matches = pair(lefts, rights, path, remarks, "right image")
     pairs = [(a, b) for a, b in zip(lefts, matches, strict=True) if b is not None]
     remarks.append(f"taken as rectified, baseline {baseline_m:.4f} m by {source.name}")
-    stamps = [_stamp(left) for left, _ in pairs]
-    if None in stamps and len(pairs) > 1:
-        remarks.append(
-            f"no times in the names of the images: {KINECT_HZ:.0f} pairs a second assumed"
-        )
+    times = dict(zip(lefts, _times(path, lefts), strict=True))
+    stamps = [times[left] for left, _ in pairs]
     known = None not in stamps
-    first = min((s for s in stamps if s is not None), default=0.0)
+    if not known and len(pairs) > 1:
+        remarks.append(
+            f"no times.txt, and no times in the names of the images: {KINECT_HZ:.0f} pairs a second assumed"
+        )
     files = [
-        ((s - first) if known and s is not None else k / KINECT_HZ, *one)
+        (s if known and s is not None else k / KINECT_HZ, *one)
         for k, (s, one) in enumerate(zip(stamps, pairs, strict=True))
     ]
     info = RecordingInfo(name=path.resolve().name, kind="stereo", frames=len(files))
@@ -95,7 +122,7 @@ class StereoRecording:
         RecordingError: There is no pair.
     """
 
-    SOURCE = "names of images are read as s with a fraction, or as ns"
+    SOURCE = "times.txt is read as s, names of images as s with a fraction or as ns"
 
     def __init__(
         self,
@@ -180,22 +207,48 @@ def _opencv(path: Path) -> Path | None:
     return None
 
 
+def _kitti(path: Path) -> Path | None:
+    """The calibration file of KITTI, of images in its folders."""
+    if not any(pictures(path / name) for name in _KITTI_MATRICES):
+        return None
+    found = [place / _KITTI for place in (path, path.resolve().parent)]
+    return next((file for file in found if file.is_file()), None)
+
+
 def _calibration(path: Path, lefts: list[Path]) -> tuple[Camera, float, Path]:
     """Camera, baseline in m, and the file that gives them."""
-    ros = _ros(path)
+    ros, opencv, kitti = _ros(path), _opencv(path), _kitti(path)
     if ros is not None:
         return *read_rectified_pair(*ros), ros[0]
-    source = _opencv(path)
-    if source is None:
-        raise RecordingError(
-            f"{path}: no left.yaml and right.yaml of ROS, and no file of OpenCV with P1 and P2"
-        )
+    if opencv is not None:
+        return *read_opencv_pair(opencv, *_size(path, lefts)), opencv
+    if kitti is not None:
+        names = _KITTI_MATRICES[lefts[0].parent.name]
+        return *read_kitti_pair(kitti, names, *_size(path, lefts)), kitti
+    raise without_calibration(path)
+
+
+def _size(path: Path, lefts: list[Path]) -> tuple[int, int]:
+    """Width and height of the first readable image."""
     for left in lefts:
         try:
-            return *read_opencv_pair(source, *image_size(left)), source
+            return image_size(left)
         except FrameError:
             continue
     raise RecordingError(f"{path}: no left image can be read")
+
+
+def _times(path: Path, lefts: list[Path]) -> list[float | None]:
+    """The time of each left image, s; None if its name is not a time."""
+    source = path / "times.txt"
+    if not source.is_file():
+        return [_stamp(left) for left in lefts]
+    lines = read_lines(source)
+    if len(lines) != len(lefts):
+        raise RecordingError(
+            f"{source}: {len(lines)} times for {len(lefts)} left images; one per image was expected"
+        )
+    return [numbers(source, line, words, 1, "a time in s")[0] for line, words in lines]
 
 
 def _stamp(path: Path) -> float | None:

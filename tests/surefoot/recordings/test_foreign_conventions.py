@@ -65,6 +65,50 @@ def ros_yaml(fx: float, baseline_m: float) -> str:
     )
 
 
+def test_times_in_the_names_of_pairs_stay_on_their_clock(tmp_path):
+    path = pairs(tmp_path / "walk", "left/17000000{}5.25.png", "right/17000000{}5.25.png")
+    (path / "left.yaml").write_text(ros_yaml(100.0, 0.0))
+    (path / "right.yaml").write_text(ros_yaml(100.0, 0.12))
+    stamps = [frame.stamp_s for frame in open_recording(path).frames()]
+    assert stamps == [1700000005.25, 1700000015.25]
+
+
+def kitti(values: dict[str, float]) -> str:
+    """`calib.txt` with the fourth number of each matrix."""
+    return "".join(
+        f"{n}: 100.0 0 79.5 {x} 0 100.0 59.5 0.2 0 0 1 0.003\n" for n, x in values.items()
+    )
+
+
+@pytest.mark.parametrize(("left", "baseline_m"), [(0, 0.54), (2, 0.53)])
+def test_a_sequence_of_kitti_is_read_with_its_calibration_and_times(tmp_path, left, baseline_m):
+    path = pairs(tmp_path / "00", f"image_{left}/{{:06d}}.png", f"image_{left + 1}/{{:06d}}.png")
+    (path / "calib.txt").write_text(kitti({"P0": 0.0, "P1": -54.0, "P2": 6.0, "P3": -47.0}))
+    (path / "times.txt").write_text("0.000000e+00\n1.036224e-01\n")
+    frames = list(open_recording(path).frames())
+    assert [frame.stamp_s for frame in frames] == [0.0, 0.1036224]
+    view = frames[0].stereo
+    assert view.baseline_m == pytest.approx(baseline_m)
+    assert (view.camera.fx, view.camera.cy, view.camera.width) == (100.0, 59.5, WIDTH)
+
+
+def test_pairs_without_a_calibration_are_refused_with_what_is_missing(tmp_path):
+    path = pairs(tmp_path / "00", "image_0/{:06d}.png", "image_1/{:06d}.png")
+    with pytest.raises(RecordingError, match=r"without a calibration.*left\.yaml.*calib\.txt"):
+        open_recording(path)
+    (path / "calib.txt").write_text(kitti({"P0": 0.0}))
+    with pytest.raises(RecordingError, match=r"calib\.txt: has no list P1; 12 numbers"):
+        open_recording(path)
+
+
+def test_times_must_be_as_many_as_images(tmp_path):
+    path = pairs(tmp_path / "00", "image_0/{:06d}.png", "image_1/{:06d}.png")
+    (path / "calib.txt").write_text(kitti({"P0": 0.0, "P1": -54.0}))
+    (path / "times.txt").write_text("0.0\n")
+    with pytest.raises(RecordingError, match=r"times\.txt: 1 times for 2 left images"):
+        open_recording(path)
+
+
 @pytest.mark.parametrize(
     ("left", "right"),
     [
