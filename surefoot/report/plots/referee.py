@@ -51,7 +51,9 @@ def errors(verdict: Verdict) -> Drawn:
         size = 180.0 / np.pi if angle else 100.0
         band = 2.0 * size * sigmas[:, i]
         axes.fill_between(verdict.travelled, -band, band, color=TARGET, alpha=0.15, lw=0)
-        axes.plot(verdict.travelled, size * verdict.errors[:, i], color=WRONG, linewidth=0.9)
+        axes.plot(verdict.travelled, size * verdict.errors[:, i], color=WRONG, linewidth=0.6)
+        for edge in (-band, band):  # visible over dense errors
+            axes.plot(verdict.travelled, edge, color=TARGET, linewidth=1.0)
         axes.set_title(f"{name.replace('_', ' ')}, {'deg' if angle else 'cm'}")
     for axes in np.atleast_2d(grid)[-1]:
         axes.set_xlabel("distance travelled, m")
@@ -73,7 +75,7 @@ def honesty(verdict: Verdict) -> Drawn:
     left.plot(curve["levels"], curve["shares"], color=ESTIMATE, label="these claims")
     left.set(xlabel="confidence level", ylabel="share of errors inside", xlim=(0, 1), ylim=(0, 1))
     left.set_aspect("equal")
-    left.legend(loc="lower right", handlelength=1.4)
+    legend(left)
     for part in verdict.metrics["by_distance"]:
         right.plot(
             [part["from_m"], part["to_m"]],

@@ -53,6 +53,6 @@ def rooms(run: RunFolder) -> Drawn | None:
     )
     return Drawn(
         figure,
-        f"{len(found['rooms'])} rooms on {len(found['floors'])} joined floor(s), each in a colour with its number and the free "
-        f"floor that was seen. Doorways and their widths: {widths or 'none'}.",
+        f"Rooms: {len(found['rooms'])}, in groups that doorways join: {len(found['floors'])}. Each has a colour, its number and "
+        f"the area of free floor that was seen. Doorways and their widths: {widths or 'none'}.",
     )
