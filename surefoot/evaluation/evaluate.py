@@ -7,6 +7,7 @@ the hand) is compared after rigid alignment.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -84,8 +85,8 @@ def evaluate(
 
     Args:
         run: A run of any kind.
-        truth: Trajectory in TUM or EuRoC text, used instead of the run's own truth/. Its axes and its body point may
-            differ from those of the run, so only errors after alignment are measured, and the consistency of
+        truth: Trajectory in TUM, EuRoC or KITTI text, used instead of the run's own truth/. That of KITTI has no
+            stamps and needs as many lines as the run has poses. Its axes and its body point may differ from those of the run, so only errors after alignment are measured, and the consistency of
             the covariances only if the truth is a trajectory of the same camera.
         surface: True surface (mesh or cloud) to compare the surface of the run with: in the frame of the run,
             or, together with `truth`, in the frame of the truth.
@@ -109,10 +110,8 @@ def evaluate(
     true = (
         run.read_trajectory("truth/trajectory.txt")
         if truth is None
-        else read_trajectory(truth).poses
+        else _given(run, estimate, truth)
     )
-    if truth is not None and true is not None:
-        _check_common_stamps(run, estimate, truth, true)
     run.path(ERRORS).unlink(missing_ok=True)
     metrics: dict[str, Any] = _kind_metrics(run, kind)
     own_axes = truth is not None or has_own_axes(run)
@@ -163,20 +162,32 @@ def true_trajectory(run: RunFolder) -> Trajectory | None:
     return None if has_own_axes(run) else run.read_trajectory("truth/trajectory.txt")
 
 
-def _check_common_stamps(
-    run: RunFolder, estimate: Trajectory | None, truth: Path, true: Trajectory
-) -> None:
-    """Refuse a given truth that cannot be compared with the run."""
+def _given(run: RunFolder, estimate: Trajectory | None, truth: Path) -> Trajectory:
+    """A given truth; without stamps of its own it has those of the run, pose by pose.
+
+    Raises:
+        InputError: It cannot be compared with the run.
+    """
     if estimate is None:
         raise InputError(
             f"{run.root}: a run of kind {run.kind} without trajectory.txt cannot be compared with --truth"
         )
+    found = read_trajectory(truth)
+    if not found.has_stamps:
+        if len(found.poses) != len(estimate):
+            raise InputError(
+                f"{truth} ({found.format}) has no stamps and {len(found.poses)} poses, the run {len(estimate)}; without "
+                "stamps the numbers must be equal: give a TUM or EuRoC file"
+            )
+        return replace(found.poses, stamps=estimate.stamps)
+    true = found.poses
     if len(associate(estimate.stamps, true.stamps)[0]) == 0:
         raise InputError(
             f"{truth} has no stamp within {MAX_DIFFERENCE_S:g} s of a stamp of the run: it covers "
             f"{true.stamps[0]:.3f} to {true.stamps[-1]:.3f} s, the run {estimate.stamps[0]:.3f} to "
             f"{estimate.stamps[-1]:.3f} s; give a truth of the same recording and clock"
         )
+    return true
 
 
 def _kind_metrics(run: RunFolder, kind: str) -> dict[str, Any]:

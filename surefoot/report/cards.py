@@ -130,7 +130,10 @@ def _perception(metrics: dict[str, Any]) -> list[Card]:
     if "floor_tof_angle_deg_median" not in metrics:
         for camera in ("tof", "depth", "stereo"):
             figure = f"floor_{camera}_seen_share"
-            listed += _plain(metrics, (figure, f"Floor seen ({camera})", "{:.0%}", "of the frames"))
+            listed += _plain(
+                metrics,
+                (figure, f"Floor seen ({camera})", "{:.0%}", "the others were only expected"),
+            )
     return listed
 
 

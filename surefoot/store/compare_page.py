@@ -73,7 +73,7 @@ def write_page(comparisons: Sequence[Comparison], path: Path, say: Say) -> Path:
 
 def _method(one: Comparison) -> str:
     return (
-        f"{len(one.pairs)} pairs of runs over the same recordings or seeds. Change: estimate of the typical "
+        f"Pairs of runs of the same recording or seed: {len(one.pairs)}. Change: estimate of the typical "
         "paired differences (ratios where all values are positive) with its 95 % interval, which takes six pairs; of figures that should be 1, the change of their distance from 1 "
         "(a half is as far as 2). A "
         "figure is called better or worse if the signed rank test with winsorised ranks and Holm's correction over all "

@@ -93,7 +93,7 @@ class Comparison:
         """The verdict in a few words."""
         count = len([one for one in self.judged if not math.isnan(one.adjusted)])
         if not self.found:
-            return f"no difference shown in {count} figures over {len(self.pairs)} pairs"
+            return f"no difference shown in {count} figures; pairs: {len(self.pairs)}"
         named = [f"{one.figure.name} {one.verdict} ({shown_change(one)})" for one in self.found]
         return ", ".join(named)
 

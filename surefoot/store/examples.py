@@ -37,7 +37,7 @@ EXAMPLES: dict[str, Example] = {
         """,
     ),
     "floor": Example(
-        "by camera: share of the frames with a floor, claimed sigma of tilt and height",
+        "by camera: share of the rows in which the floor was found, claimed sigma of tilt and height",
         """
         SELECT camera, count(*) AS frames, avg(CAST(state = 'seen' AS INTEGER)) AS seen,
                degrees(sqrt(median(greatest(P00, P11)))) AS tilt_sigma_deg, 1e3 * sqrt(median(P22)) AS height_sigma_mm

@@ -529,6 +529,22 @@ def test_a_truth_without_common_stamps_is_refused_with_both_time_ranges(tmp_path
         evaluate(run, tmp_path / "their.txt")
 
 
+def test_a_truth_without_stamps_is_compared_pose_by_pose(tmp_path):
+    """The lines of KITTI are no seconds: at two poses a second line 1 is not the pose at 1 s."""
+    run = straight_run(tmp_path / "run", (0.0, 0.0, 0.0))
+    poses = run.read_trajectory("trajectory.txt")
+    bent = poses.positions + np.outer(np.arange(len(poses)) % 2, [0.0, 0.2, 0.0])
+    rows = [[1, 0, 0, x, 0, 1, 0, y, 0, 0, 1, z] for x, y, z in bent]
+    np.savetxt(tmp_path / "kitti.txt", rows)
+    found = evaluate(run, tmp_path / "kitti.txt")
+    assert found["matched_poses"] == len(poses)
+    assert found["duration_s"] == poses.stamps[-1] - poses.stamps[0]
+    assert found["ate_floor_m"] == pytest.approx(0.1, rel=0.02)
+    np.savetxt(tmp_path / "kitti.txt", rows[:-1])
+    with pytest.raises(InputError, match=r"no stamps and 20 poses, the run 21"):
+        evaluate(run, tmp_path / "kitti.txt")
+
+
 def test_a_map_is_compared_with_its_own_truth_after_alignment(tmp_path):
     run = straight_run(tmp_path, (0.0, 0.0, 0.0))
     rows = [(0.5 * i, 3.0, 0.5 * i, 1.0, 0.0) for i in range(21)]  # other axes
