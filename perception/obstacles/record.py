@@ -81,6 +81,7 @@ class Record:
         displaced: Frames in which it had left the place of one of these, or entered a place seen free then.
         compared_s: When it was last compared.
         carried: Frames of doubt left after it had the velocity of most others.
+        youth: Time, detection and pose of the robot of its first frames, while it is young.
     """
 
     track: MotionModel
@@ -93,12 +94,20 @@ class Record:
     displaced: int = 0
     compared_s: float = -np.inf
     carried: int = 0
+    youth: list[tuple[float, Detection, Gaussian]] = field(default_factory=list)
 
     @property
     def moving(self) -> float:
         """Probability of moving; unsure without displaced points, and with the velocity of most others."""
         doubtful = self.carried > 0 or bool(self.earlier)
         return min(self.track.moving, UNSURE) if doubtful else self.track.moving
+
+    def grow(self, frame: tuple[float, Detection, Gaussian], young_s: float) -> None:
+        """Keep the detection of a frame while the track is young."""
+        if frame[0] - self.since_s <= young_s:
+            self.youth.append(frame)
+        else:
+            self.youth.clear()
 
     def compare(self, now: Snapshot) -> None:
         """Compare its surface in this frame with that in earlier ones, until it is clear that it has moved.

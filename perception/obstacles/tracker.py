@@ -2,7 +2,8 @@
 
 Detections are assigned to tracks by global nearest neighbour on the logarithm of the density; Mahalanobis' distance
 alone would favour uncertain tracks. A detection that is more likely a new obstacle starts a track. A track is
-reported after a few detections. It ends when it is not detected where it should be visible, or when its position is
+reported after a few detections. A young one that loses its obstacle, as it goes much faster than usual, begins again
+with the speeds of people. It ends when it is not detected where it should be visible, or when its position is
 too uncertain.
 
 Source: Yoo and Kim 2010 (seed 001), sections 2 and 14; association, birth and death ours.
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -38,6 +39,8 @@ MISSES_OF_NEW = (
 SAME_SHARE = (
     0.5  # ours: tracks closer, and known better, than this share of their radii are one obstacle
 )
+PEOPLE_MPS = 1.0  # speed per axis of people, who walk at 1.4 m/s (Bohannon 1997)
+YOUNG_S = 1.0  # ours: time after its first detection in which a lost track may be of somebody fast
 PART_OF = (
     0.7  # ours: a detection inside a track, smaller than this share of its radius, is a part of it
 )
@@ -150,11 +153,13 @@ class ObstacleTracker:
             record.track.predict(dt, robot)
         usable = [seen for seen in detections if self._usable(seen)]
         given = self._associate(usable)
+        given |= self._associate_fast(usable, given, stamp_s, robot)
         if stamp_s != before_s:  # else a second camera of the same instant
             self.innovations = []
         for index, choice in given.items():
             record = self._records[index]
             innovation = record.track.update(usable[choice])
+            record.grow((stamp_s, usable[choice], robot), YOUNG_S)
             self.innovations.append(Innovation(record.number, innovation.whitened))
             record.seen_s, record.hits, record.misses = stamp_s, record.hits + 1, 0
             record.compare(Snapshot.of(usable[choice], stamp_s, robot, through))
@@ -165,7 +170,9 @@ class ObstacleTracker:
             record = self._records[index]
             record.hits += 1
             if part is not None:
-                record.track.update(_from_part(part, record.track))
+                whole = _from_part(part, record.track)
+                record.track.update(whole)
+                record.grow((stamp_s, whole, robot), YOUNG_S)
                 record.seen_s, record.misses = stamp_s, 0
                 record.compare(Snapshot.of(part, stamp_s, robot, through))
         self._miss(given.keys() | confirmed.keys(), visible)
@@ -175,7 +182,8 @@ class ObstacleTracker:
             if choice not in taken:
                 self._born += 1
                 track = self._model()(seen, robot, self.config.track)
-                record = Record(track, self._born, stamp_s, stamp_s)
+                youth = [(stamp_s, seen, robot)]
+                record = Record(track, self._born, stamp_s, stamp_s, youth=youth)
                 record.compare(Snapshot.of(seen, stamp_s, robot, through))
                 self._records.append(record)
         self._merge(stamp_s)
@@ -189,18 +197,46 @@ class ObstacleTracker:
         """Track index to detection index, one to one."""
         if not self._records or not detections:
             return {}
-        positions = np.array([seen.position for seen in detections])
-        covariances = np.array([seen.covariance for seen in detections])
-        density = np.array(
-            [record.track.density(positions, covariances) for record in self._records]
-        )
-        radii = np.array([seen.radius_m for seen in detections])
-        known = np.array([record.track.radius_m for record in self._records])
-        density = density * alike(radii - known[:, None])
-        cost = -2.0 * np.log(np.maximum(density, 1e-300))
-        gate = -2.0 * math.log(NEW_PER_M2)
-        least = min(float(cost.min()), gate)
-        return dict(sorted(match(cost - least, gate - least)))
+        return dict(sorted(_pairs([record.track for record in self._records], detections)))
+
+    def _associate_fast(
+        self,
+        detections: Sequence[Detection],
+        given: dict[int, int],
+        stamp_s: float,
+        robot: Gaussian,
+    ) -> dict[int, int]:
+        """Track index to detection index of young tracks that lost obstacles faster than usual; these tracks begin again."""
+        usual = self.config.track
+        taken = set(given.values())
+        left = [k for k in range(len(detections)) if k not in taken]
+        young = [
+            index
+            for index, record in enumerate(self._records)
+            if index not in given and record.youth and stamp_s - record.since_s <= YOUNG_S
+        ]
+        if not left or not young or usual.speed_sigma_mps >= PEOPLE_MPS:
+            return {}
+        config = replace(usual, speed_sigma_mps=PEOPLE_MPS)
+        fast = [self._retold(self._records[index], stamp_s, robot, config) for index in young]
+        found = {}
+        for row, column in sorted(_pairs(fast, [detections[k] for k in left])):
+            self._records[young[row]].track = fast[row]
+            found[young[row]] = left[column]
+        return found
+
+    def _retold(
+        self, record: Record, stamp_s: float, robot: Gaussian, config: TrackConfig
+    ) -> MotionModel:
+        """The track of a young record by another prior, predicted to this frame."""
+        (before_s, seen, pose), *later = record.youth
+        track = self._model()(seen, pose, config)
+        for then_s, seen, pose in later:
+            track.predict(then_s - before_s, pose)
+            track.update(seen)
+            before_s = then_s
+        track.predict(stamp_s - before_s, robot)
+        return track
 
     def _seen_in_part(
         self, seen: set[int], truncated: Sequence[Detection], robot: Gaussian
@@ -289,6 +325,19 @@ def _from_part(part: Detection, track: MotionModel) -> Detection:
     off = PART_M + PART_OFF * abs(track.radius_m - part.radius_m)
     covariance = part.covariance + np.eye(2) * off**2
     return Detection(part.position, covariance, track.radius_m, track.height_m)
+
+
+def _pairs(tracks: Sequence[MotionModel], detections: Sequence[Detection]) -> list[tuple[int, int]]:
+    """One-to-one pairs of tracks and detections that are more likely of one obstacle than of a new one."""
+    positions = np.array([seen.position for seen in detections])
+    covariances = np.array([seen.covariance for seen in detections])
+    density = np.array([track.density(positions, covariances) for track in tracks])
+    radii = np.array([seen.radius_m for seen in detections])
+    density = density * alike(radii - np.array([[track.radius_m] for track in tracks]))
+    cost = -2.0 * np.log(np.maximum(density, 1e-300))
+    gate = -2.0 * math.log(NEW_PER_M2)
+    least = min(float(cost.min()), gate)
+    return match(cost - least, gate - least)
 
 
 def match(cost: Float[np.ndarray, "n m"], gate: float) -> list[tuple[int, int]]:

@@ -820,3 +820,28 @@ def test_a_track_that_is_seen_in_part_three_times_out_of_four_lives():
         parts = [seen_at(1.0, 0.03, radius_m=0.08)] if k % 4 else []
         tracker.update(0.3 * k, [], SURE, everywhere, parts)
     assert [one.track for one in tracker.obstacles] == [known.track]
+
+
+@pytest.mark.parametrize("per_s", [5, 30, 90])
+@pytest.mark.parametrize("speed_mps", [1.4, 2.0])
+def test_somebody_much_faster_than_usual_is_one_track_of_that_speed(speed_mps, per_s):
+    rng, tracker = np.random.default_rng(per_s), ObstacleTracker()
+    velocity, numbers = speed_mps * np.array([0.6, 0.8]), set()
+    for k in range(3 * per_s):
+        place = np.array([1.0, -3.0]) + velocity * k / per_s
+        tracker.update(1.7e9 + k / per_s, [seen_at(*rng.normal(place, NOISE_M))], SURE)
+        numbers |= {one.track for one in tracker.obstacles}
+    (found,) = tracker.obstacles
+    assert len(numbers) == 1
+    assert found.moving > 0.9
+    assert np.abs(found.velocity - velocity).max() < 0.1
+
+
+def test_an_obstacle_that_is_not_seen_for_a_frame_does_not_become_the_fast_one_beside_it():
+    tracker = ObstacleTracker()
+    for k in range(10):
+        seen = [] if k == 4 else [seen_at(1.0, 0.0)]
+        seen += [seen_at(1.2, 0.1)] if k >= 4 else []
+        tracker.update(0.1 * k, seen, SURE)
+    assert sorted(one.position[0] for one in tracker.obstacles) == pytest.approx([1.0, 1.2])
+    assert max(one.moving for one in tracker.obstacles) < 0.3
