@@ -13,6 +13,7 @@ NEAR_VOTES, FAR_VOTES = np.int16(3), np.int16(1)
 REACH = 10  # px, to the farthest neighbours that vote
 LEAST_PX = np.float32(2.0)  # ours: below, a quarter of a pixel is an eighth of the depth
 SAME_PX = np.float32(1.0)  # ours: neighbours whose disparities differ by less agree
+STEEPEST = 8  # ours: sixteenths of a pixel per pixel; on a steeper surface blocks do not match
 FEW_VOTES = np.float32(96 * 0.30)  # ours: of 96 votes; reliability is 0 below
 FULL_VOTES = np.float32(96)  # ours: reliability is not reduced above
 SHARPNESS = np.float32(0.5)  # ours: s_0, grey levels; noise of 2 grey levels alone gives about 1
@@ -42,7 +43,8 @@ def sub_pixel(found: np.ndarray, costs: np.ndarray) -> np.ndarray:
 def support(disparity: np.ndarray) -> np.ndarray:
     """Votes of 48 neighbours that agree with a pixel: 24 within 4 px with three votes each, 24 within 10 px.
 
-    Neighbours agree if their disparities differ by at most `SAME_PX`, the far ones by 1.5 times as much.
+    Neighbours agree if their disparities differ by at most `SAME_PX`, the far ones by 1.5 times as much; two on opposite
+    sides also if their mean does, so that a slanted surface supports itself.
 
     Args:
         disparity: (h, w) float32; NaN, below `LEAST_PX`, or beyond the left border: no disparity.
@@ -70,32 +72,36 @@ def support(disparity: np.ndarray) -> np.ndarray:
         middle, count = sixteenths[y + REACH, REACH:], votes[y]
         count[:] = -NEAR_VOTES - FAR_VOTES  # each pixel also votes for itself, near and far
         for i in range(-2, 3):
-            _vote(sixteenths[y + REACH + 2 * i], 2, middle, near, NEAR_VOTES, count)
-            _vote(sixteenths[y + REACH + 5 * i], 5, middle, far, FAR_VOTES, count)
+            one, other = sixteenths[y + REACH + 2 * i], sixteenths[y + REACH - 2 * i]
+            _vote(one, other, 2, middle, near, NEAR_VOTES, count)
+            one, other = sixteenths[y + REACH + 5 * i], sixteenths[y + REACH - 5 * i]
+            _vote(one, other, 5, middle, far, FAR_VOTES, count)
     return votes
 
 
 @njit(cache=True, error_model="numpy")
 def _vote(
     row: np.ndarray,
+    opposite: np.ndarray,
     step: int,
     middle: np.ndarray,
     limit: np.int16,
     weight: np.int16,
     count: np.ndarray,
 ) -> None:
-    """Votes of five neighbours in one row, `step` apart, centred on the column of the pixel."""
-    a, b, c = row[REACH - 2 * step :], row[REACH - step :], row[REACH:]
-    d, e = row[REACH + step :], row[REACH + 2 * step :]
-    none = np.int16(0)
-    for x in range(count.size):
-        here, total = middle[x], count[x]
-        total += weight if -limit <= np.int16(a[x] - here) <= limit else none
-        total += weight if -limit <= np.int16(b[x] - here) <= limit else none
-        total += weight if -limit <= np.int16(c[x] - here) <= limit else none
-        total += weight if -limit <= np.int16(d[x] - here) <= limit else none
-        total += weight if -limit <= np.int16(e[x] - here) <= limit else none
-        count[x] = total
+    """Votes of five neighbours in one row, `step` apart, centred on the column of the pixel.
+
+    Each may also agree with the pixel together with the neighbour on the other side, in the row `opposite`.
+    """
+    steep = np.int16(4 * step * STEEPEST)  # between two neighbours up to two steps away
+    for k in range(-2, 3):
+        a, b = row[REACH + k * step :], opposite[REACH - k * step :]
+        for x in range(count.size):
+            one, other = np.int16(a[x] - middle[x]), np.int16(b[x] - middle[x])
+            both, apart = np.int16(one + other), np.int16(one - other)
+            flat = (one >= -limit) & (one <= limit)
+            slanted = (both >= -limit) & (both <= limit) & (apart >= -steep) & (apart <= steep)
+            count[x] += weight if flat | slanted else np.int16(0)
 
 
 @njit(cache=True, error_model="numpy")

@@ -67,7 +67,12 @@ class StereoConfig:
         "ours: larger area under the ROC curve",
     )
     nearest_m: float = 0.20  # seed 003: distance is reliable from 0.2 m; limits the search
-    most_disparity_px: int = setting(128, "px", "largest disparity searched", "seed 003")
+    most_disparity_px: int = setting(
+        512,
+        "px",
+        "largest disparity searched, for wide pairs whose disparity at 0.2 m is larger",
+        "ours: limits the time; seed 003 has 128 for a pair of 4 cm",
+    )
     uniqueness: float = setting(
         0.15, "", "u_0, relative distance of the second-best cost of a unique match", "seed 003"
     )
@@ -134,8 +139,7 @@ def disparity(view: StereoView, config: StereoConfig | None = None) -> Disparity
     """
     config = config or StereoConfig()
     _check(view)
-    reach = min(config.most_disparity_px, view.camera.fx * view.baseline_m / config.nearest_m)
-    steps = max(16, 16 * math.ceil(reach / 16.0))
+    steps = searched(view, config)
     given = None if config.method == "block" else _opencv(view, config.method, steps)
     matches = match(view.left, view.right, steps, given, config.subpixel)
     found = matches.disparity_px
@@ -159,6 +163,12 @@ def disparity(view: StereoView, config: StereoConfig | None = None) -> Disparity
         matches
     )  # its memory serves the next steps; giving it back and getting new takes as long as they
     return Disparity(found, _without_rims(reliability, known, config.least_reliability), sigma)
+
+
+def searched(view: StereoView, config: StereoConfig) -> int:
+    """Number of disparities searched, from 0: to those of the nearest depth, as far as the setting allows."""
+    reach = min(config.most_disparity_px, view.camera.fx * view.baseline_m / config.nearest_m)
+    return max(16, 16 * math.ceil(reach / 16.0))
 
 
 def _without_rims(

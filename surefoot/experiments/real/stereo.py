@@ -139,7 +139,7 @@ def motorcycle(say: Say) -> tuple[dict[str, float], list[str]]:
 
 def _stereobm(view: StereoView, true: Float32[np.ndarray, "h w"], coverage: float) -> float:
     """Share of wrong pixels of StereoBM at that coverage, interpolated over its uniqueness ratio."""
-    steps = 16 * math.ceil(stereo.StereoConfig().most_disparity_px / 16)
+    steps = stereo.searched(view, stereo.StereoConfig())
     padded = [
         cv2.copyMakeBorder(image, 0, 0, steps, 0, cv2.BORDER_REPLICATE)
         for image in (view.left, view.right)
