@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from ..depth.points import Points
 from ..depth.reach import ReachConfig
@@ -83,7 +84,7 @@ def truncated(
 
     Args:
         view: The view.
-        points: Points of it in row order, camera frame.
+        points: Points of it, camera frame.
         reach: Range of depths used.
         others: Other views of the same frame.
 
@@ -92,22 +93,28 @@ def truncated(
         points are its own. An edge has mixed pixels behind it, which are of the same object.
     """
     camera, depth = view.depth.camera, view.depth
-    u, z = points.pixels % camera.width, points.xyz[:, 2]
-    margin = BORDER_SHARE * camera.width
-    left = u < margin + camera.fx * depth.baseline_m / z
-    border = left | (u > camera.width - 1 - margin)
-    beyond = points.xyz[border]
-    beyond[:, 0] += np.where(left[border], -BESIDE_M, BESIDE_M)
+    image = _upright(view, points)
+    margin = BORDER_SHARE * image.z.shape[1]
+    left = image.column < margin
+    border = left | (image.column > image.z.shape[1] - 1 - margin)
+    outward = np.where(left[:, None], -image.right, image.right)
+    if depth.baseline_m > 0.0:
+        reach_px = BORDER_SHARE * camera.width + camera.fx * depth.baseline_m / points.xyz[:, 2]
+        blind = points.pixels % camera.width < reach_px
+        border |= blind
+        outward[blind] = (-1.0, 0.0, 0.0)
+    beyond = points.xyz[border] + BESIDE_M * outward[border]
     border[border] = ~_has_depth(view.T_map_camera.apply(beyond), others)
+    z = points.xyz[:, 2]
     ends = (z < reach.nearest_m + NEAR_M) | (z > reach.farthest_m - CUT_M)
-    found = _hiders(depth, points, reach.stride)
+    found = _hiders(image, reach.stride)
     found[border | ends] = CUT
     return found
 
 
 def uppermost(view: SegmentedView, points: Points) -> Bool[np.ndarray, "n"]:
     """Which points of a view lie at the upper border of its image."""
-    return points.pixels < UPPER_ROWS * view.depth.camera.width
+    return _upright(view, points).row < UPPER_ROWS
 
 
 def lowermost(
@@ -117,35 +124,67 @@ def lowermost(
     others: Sequence[SegmentedView] = (),
 ) -> Bool[np.ndarray, "n"]:
     """Which points of a view lie at the lower border of its image, and no other view has a depth below them."""
-    camera = view.depth.camera
-    rows = max(BORDER_SHARE * camera.height, reach.stride)
-    found = points.pixels // camera.width > camera.height - 1 - rows
-    below = points.xyz[found]
-    below[:, 1] += BESIDE_M
+    image = _upright(view, points)
+    height = len(image.z)
+    found = image.row > height - 1 - max(BORDER_SHARE * height, reach.stride)
+    below = points.xyz[found] + BESIDE_M * image.down
     found[found] = ~_has_depth(view.T_map_camera.apply(below), others)
     return found
 
 
-def _hiders(depth: Depth, points: Points, stride: int) -> Int[np.ndarray, "n"]:
+class _Upright(NamedTuple):
+    """A depth image turned by quarter turns so that up is up.
+
+    Args:
+        z: Depth, m.
+        row, column: Of each point.
+        right, down: Directions in this image, camera frame.
+    """
+
+    z: Float32[np.ndarray, "h w"]
+    row: Int[np.ndarray, "n"]
+    column: Int[np.ndarray, "n"]
+    right: Float[np.ndarray, "3"]
+    down: Float[np.ndarray, "3"]
+
+
+def _upright(view: SegmentedView, points: Points) -> _Upright:
+    """The image of a camera that may hang on its side or upside down, with the places of points of it."""
+    x, y = view.floor.normal[:2]
+    turns = (0 if y <= 0.0 else 2) if abs(y) >= abs(x) else (1 if x > 0.0 else 3)
+    row, column = np.divmod(points.pixels, view.depth.camera.width)
+    right, down = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    height, width = view.depth.z.shape
+    for _ in range(turns):  # to the left
+        row, column = width - 1 - column, row
+        right, down = down, -right
+        height, width = width, height
+    return _Upright(np.rot90(view.depth.z, turns), row, column, right, down)
+
+
+def _hiders(image: _Upright, stride: int) -> Int[np.ndarray, "n"]:
     """Index of the nearest of the points beside each point, if something there is nearer than it by a step.
 
     `CUT` if what is nearest there is nearer by a step than all of these points, which are every n-th pixel alone.
     """
-    width = depth.camera.width
+    width = image.z.shape[1]
     half = max(1, round(HIDING_SHARE * width))
-    measured = np.where(np.isfinite(depth.z), depth.z, np.float32(np.inf))
+    measured = np.ascontiguousarray(np.where(np.isfinite(image.z), image.z, np.float32(np.inf)))
     kernel = np.ones((1, 2 * half + 1), np.uint8)
-    nearest = cv2.erode(measured, kernel).ravel()[points.pixels]
-    hidden = np.flatnonzero(measured.ravel()[points.pixels] - nearest > CUT_M)
-    found = np.full(len(points), WHOLE)
-    pixels = points.pixels[hidden, None]
+    places = image.row * width + image.column
+    nearest = cv2.erode(measured, kernel).ravel()[places]
+    hidden = np.flatnonzero(measured.ravel()[places] - nearest > CUT_M)
+    found = np.full(len(places), WHOLE)
+    pixels = places[hidden, None]
     beside = np.arange(1 - half - stride, half + stride) + pixels % width
     beside = np.clip(beside, 0, width - 1) + pixels - pixels % width
     own = np.full(measured.size, np.float32(np.inf))
-    own[points.pixels] = measured.ravel()[points.pixels]
+    own[places] = measured.ravel()[places]
     hiders = beside[np.arange(len(hidden)), np.argmin(own[beside], axis=1)]
     among = own[hiders] - nearest[hidden] <= CUT_M
-    found[hidden] = np.where(among, np.searchsorted(points.pixels, hiders), CUT)
+    order = np.argsort(places, kind="stable")
+    rank = np.searchsorted(places[order], hiders)
+    found[hidden] = np.where(among, order[np.minimum(rank, len(order) - 1)], CUT)
     return found
 
 

@@ -16,6 +16,7 @@ from perception.floor.segmented_view import (
     lowermost,
     sees_through,
     truncated,
+    uppermost,
 )
 from perception.primitives.camera import Camera
 from perception.primitives.frame import Depth
@@ -171,3 +172,34 @@ def test_a_place_beside_the_view_of_a_lens_that_folds_is_not_visible():
     visible = Sight([view]).visible(1.5 * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1))
     assert visible[:35].all()
     assert not visible[45:].any()  # the row of the knees ends at 39 deg
+
+
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_a_camera_on_its_side_or_upside_down_sees_the_same_borders(turns):
+    """A scene and its image turned by quarter turns: the same points are cut at the same sides."""
+    upright = post(WIDE, 0.6, 0.6)
+    z = np.fmin(upright.depth.z, post(WIDE, -0.2, 0.9).depth.z)
+    z[:10] = 2.0  # a lintel at the top
+    views, found = [], []
+    for k in (0, turns):
+        image = np.ascontiguousarray(np.rot90(z, -k))  # what was up is at the right, down, left
+        height, width = image.shape
+        lens = Camera(width, height, 80.0, 80.0, (width - 1) / 2, (height - 1) / 2)
+        depth = Depth(image, np.full_like(image, 0.01), lens)
+        cloud = from_depth(depth, REACH.nearest_m, REACH.farthest_m, REACH.stride)
+        up = [(0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)][k]
+        floor = Plane(np.array([*up, 0.0]), 0.4)
+        classes = np.full(len(cloud), OBSTACLE, np.int8)
+        views.append(
+            SegmentedView("tof", depth, cloud, classes, floor, None, Pose3(), cloud.xyz.copy())
+        )
+    for view in views:
+        kinds = truncated(view, view.points, REACH)
+        marks = (kinds == CUT, kinds >= 0, uppermost(view, view.points))
+        for mark in (*marks, lowermost(view, view.points, REACH)):
+            image = np.zeros(view.depth.z.size, bool)
+            image[view.points.pixels] = mark
+            found.append(image.reshape(view.depth.z.shape))
+    for straight, turned in zip(found[:4], found[4:], strict=True):
+        assert straight.any()
+        np.testing.assert_array_equal(np.rot90(turned, turns), straight)
