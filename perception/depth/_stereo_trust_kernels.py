@@ -70,38 +70,40 @@ def support(disparity: np.ndarray) -> np.ndarray:
     near, far = np.int16(16.0 * SAME_PX), np.int16(24.0 * SAME_PX)
     for y in range(height):
         middle, count = sixteenths[y + REACH, REACH:], votes[y]
-        count[:] = -NEAR_VOTES - FAR_VOTES  # each pixel also votes for itself, near and far
-        for i in range(-2, 3):
-            one, other = sixteenths[y + REACH + 2 * i], sixteenths[y + REACH - 2 * i]
-            _vote(one, other, 2, middle, near, NEAR_VOTES, count)
-            one, other = sixteenths[y + REACH + 5 * i], sixteenths[y + REACH - 5 * i]
-            _vote(one, other, 5, middle, far, FAR_VOTES, count)
+        count[:] = 0
+        for i in range(3):
+            for k in range(1 if i == 0 else -2, 3):  # each pair of opposite neighbours once
+                _vote(sixteenths, y, i, k, 2, middle, near, NEAR_VOTES, count)
+                _vote(sixteenths, y, i, k, 5, middle, far, FAR_VOTES, count)
     return votes
 
 
 @njit(cache=True, error_model="numpy")
 def _vote(
-    row: np.ndarray,
-    opposite: np.ndarray,
+    sixteenths: np.ndarray,
+    y: int,
+    down: int,
+    right: int,
     step: int,
     middle: np.ndarray,
     limit: np.int16,
     weight: np.int16,
     count: np.ndarray,
 ) -> None:
-    """Votes of five neighbours in one row, `step` apart, centred on the column of the pixel.
+    """Votes for every pixel of row `y` of its neighbours some steps down and right, and on the opposite side.
 
-    Each may also agree with the pixel together with the neighbour on the other side, in the row `opposite`.
+    Each votes if it agrees, and both if their mean does.
     """
     steep = np.int16(4 * step * STEEPEST)  # between two neighbours up to two steps away
-    for k in range(-2, 3):
-        a, b = row[REACH + k * step :], opposite[REACH - k * step :]
-        for x in range(count.size):
-            one, other = np.int16(a[x] - middle[x]), np.int16(b[x] - middle[x])
-            both, apart = np.int16(one + other), np.int16(one - other)
-            flat = (one >= -limit) & (one <= limit)
-            slanted = (both >= -limit) & (both <= limit) & (apart >= -steep) & (apart <= steep)
-            count[x] += weight if flat | slanted else np.int16(0)
+    a = sixteenths[y + REACH + down * step, REACH + right * step :]
+    b = sixteenths[y + REACH - down * step, REACH - right * step :]
+    for x in range(count.size):
+        one, other = np.int16(a[x] - middle[x]), np.int16(b[x] - middle[x])
+        both, apart = np.int16(one + other), np.int16(one - other)
+        slanted = (both >= -limit) & (both <= limit) & (apart >= -steep) & (apart <= steep)
+        total = weight if slanted | ((one >= -limit) & (one <= limit)) else np.int16(0)
+        total += weight if slanted | ((other >= -limit) & (other <= limit)) else np.int16(0)
+        count[x] += total
 
 
 @njit(cache=True, error_model="numpy")

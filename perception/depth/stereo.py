@@ -68,7 +68,7 @@ class StereoConfig:
     )
     nearest_m: float = 0.20  # seed 003: distance is reliable from 0.2 m; limits the search
     most_disparity_px: int = setting(
-        512,
+        256,
         "px",
         "largest disparity searched, for wide pairs whose disparity at 0.2 m is larger",
         "ours: limits the time; seed 003 has 128 for a pair of 4 cm",

@@ -200,7 +200,7 @@ def test_reliable_pixels_of_a_real_pair_are_correct(recordings, config):
     reliable = found.reliability[known] >= config.least_reliability
     assert np.mean(wrong[reliable]) < 0.05  # StereoBM with its own filters: 0.067 of 85 %
     assert np.mean(wrong[reliable]) < 0.5 * np.mean(wrong)
-    assert np.mean(reliable) > 0.68
+    assert np.mean(reliable) > 0.7
 
 
 def test_the_floor_of_a_real_pair_is_found(recordings, config):
@@ -230,12 +230,12 @@ def test_invalid_input_is_refused_with_a_message():
 
 
 def test_a_wide_pair_sees_what_is_near():
-    """A wall 0.5 m before a pair of 25 cm, at 262 px."""
-    camera, true_px = Camera(640, 60, 525.0, 525.0, 319.5, 29.5), 525.0 * 0.25 / 0.5
+    """A wall 0.5 m before a pair of 20 cm, at 210 px."""
+    camera = Camera(640, 60, 525.0, 525.0, 319.5, 29.5)
     scene = 128.0 + texture(np.random.default_rng(0), (60, 1000))
-    images = [np.clip(scene[:, start : start + 640], 0, 255).astype(np.uint8) for start in (0, 262)]
-    found = depth(StereoView(*images, 0.25 * 262.0 / true_px, camera))
-    shown = found.z[:, 280:]
+    images = [np.clip(scene[:, start : start + 640], 0, 255).astype(np.uint8) for start in (0, 210)]
+    found = depth(StereoView(*images, 0.2, camera))
+    shown = found.z[:, 230:]
     assert np.mean(np.isfinite(shown)) > 0.8
     assert np.nanmax(np.abs(shown - 0.5)) < 0.005
 
