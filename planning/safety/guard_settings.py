@@ -27,9 +27,8 @@ TURNS_EVERY_S = 15.0  # ours: mean time between turns of an obstacle without mod
 ESCAPE_S = 4.0  # ours: time in which the robot gets out of the path of an obstacle
 LOST_WEIGHT = 0.3  # ours: weight of a target lost somewhere on its line
 RISK_S = 2.6  # ours: time for which the probability of contact is bounded; until then a new plan can take effect
-EXPECTED_CONTACT_M = 20.0
-"""Ours: detour that avoiding a contact is worth. With 30 there are as many contacts; with 100 a third of the walks does not
-arrive."""
+EXPECTED_CONTACT_M = 10.0
+"""Ours: detour that avoiding a contact is worth. With 20 fewer walks arrive, with 100 a third fewer."""
 
 REST_STEPS = 6
 """Ours, about `ESCAPE_S`: after the end of a plan the robot stands for this many steps."""

@@ -139,7 +139,7 @@ def test_one_that_may_move_is_a_risk_by_the_chance_that_it_goes():
 
 def test_a_tighter_bound_never_brings_more_risk_and_what_exceeds_it_is_named():
     wish, target, kept = WalkCommand(forward_m=0.04), np.array([2.0, 0.0]), []
-    for seed in range(12):
+    for seed in range(48):
         rng = np.random.default_rng(seed)
         place, velocity = rng.uniform(-0.5, 0.5, 2), rng.uniform(-0.1, 0.1, 2)
         mover, risks = tracked(place, velocity, seed), []
@@ -149,7 +149,7 @@ def test_a_tighter_bound_never_brings_more_risk_and_what_exceeds_it_is_named():
             assert (guard.word == "least risk") == (guard.risk > bound)
             risks.append(guard.risk)
         assert risks[0] >= risks[1] - 0.01 >= risks[2] - 0.02
-        kept.append(risks[2] < 0.8 * risks[0])
+        kept.append(risks[2] < risks[0] - 0.005)
     assert any(kept)
 
 
