@@ -92,9 +92,9 @@ def test_the_picture_shows_rooms_and_doorways(folder):
     figures_of(folder, entries())
     (picture,) = building.picture_of(folder)
     assert (
-        "22 rooms" in picture.sentence
-        or "23 rooms" in picture.sentence
-        or "21 rooms" in picture.sentence
+        "Rooms: 22" in picture.sentence
+        or "Rooms: 23" in picture.sentence
+        or "Rooms: 21" in picture.sentence
     )
     assert "±" in picture.sentence
     axes = picture.draw().axes[0]
