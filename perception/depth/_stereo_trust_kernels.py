@@ -95,15 +95,17 @@ def _vote(
     Each votes if it agrees, and both if their mean does.
     """
     steep = np.int16(4 * step * STEEPEST)  # between two neighbours up to two steps away
+    none = np.int16(0)
     a = sixteenths[y + REACH + down * step, REACH + right * step :]
     b = sixteenths[y + REACH - down * step, REACH - right * step :]
     for x in range(count.size):
         one, other = np.int16(a[x] - middle[x]), np.int16(b[x] - middle[x])
-        both, apart = np.int16(one + other), np.int16(one - other)
-        slanted = (both >= -limit) & (both <= limit) & (apart >= -steep) & (apart <= steep)
-        total = weight if slanted | ((one >= -limit) & (one <= limit)) else np.int16(0)
-        total += weight if slanted | ((other >= -limit) & (other <= limit)) else np.int16(0)
-        count[x] += total
+        mean, one, other = abs(np.int16(one + other)), abs(one), abs(other)
+        slanted = max(
+            mean, np.int16(one + other - steep + limit)
+        )  # within the limit unless too steep
+        for_one = weight if min(one, slanted) <= limit else none
+        count[x] += for_one + (weight if min(other, slanted) <= limit else none)
 
 
 @njit(cache=True, error_model="numpy")
