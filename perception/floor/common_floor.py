@@ -122,7 +122,8 @@ def find_common(
         return None
     found = [(number, _fit_in_view(view, start, config)) for number, view in enumerate(local)]
     fits = {number: fit for number, fit in found if fit is not None}
-    plane, used = start, list(fits)
+    # a search that settles on a wall is left out before it can widen the fused covariance
+    plane, used = start, [k for k, fit in fits.items() if _agrees(fit, start)]
     for _ in range(TRIES):
         if not used:
             return None

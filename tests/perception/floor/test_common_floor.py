@@ -57,6 +57,18 @@ def test_views_of_a_place_without_a_floor_have_none(look):
     assert find_common([], None, np.random.default_rng(0)) is None
 
 
+def test_a_view_in_which_the_search_settles_on_a_wall_does_not_count(look):
+    for seed in range(6):
+        floors, true = walk_round(look, seed, count=3)
+        size = {"size": (120, 90), "with_floor": False, "wall_m": 1.2}
+        wall = look(900 + seed, height_m=1.2, pitch_deg=25.0, **size)
+        views = [*floors, floor_view(wall.points, wall.T_body_camera)]
+        found = find_common(views, None, np.random.default_rng(0))
+        assert found is not None
+        assert found.views == (0, 1, 2)
+        assert np.degrees(found.plane.angle_to(true)) < 0.5
+
+
 def test_a_plane_above_a_camera_is_no_floor(look):
     over_table, _ = walk_round(look, 0, count=3, boxes=(TABLE,), with_floor=False, wall_m=20.0)
     below = look(7, height_m=0.3, pitch_deg=-20.0)  # under the table top, it sees a wall
