@@ -229,7 +229,8 @@ def test_a_panorama_of_more_than_a_turn_shows_every_direction_once(pans_deg):
     drawing = render(views, [Placed(pose, np.eye(6), "encoders", 0) for pose in poses])
     assert drawing.sphere.width <= 360 * 4
     level = round(drawing.sphere.top_rad * drawing.sphere.px_per_rad)
-    theta, _ = drawing.sphere.angles(np.arange(drawing.sphere.width), level)
+    columns = np.arange(float(drawing.sphere.width))
+    theta, _ = drawing.sphere.angles(columns, np.full_like(columns, level))
     off = np.array([(theta + math.radians(p) + np.pi) % (2 * np.pi) - np.pi for p in pans_deg])
     shown = np.abs(off) < math.radians(21.0)
     newest = len(poses) - 1 - np.argmax(shown[::-1], axis=0)
