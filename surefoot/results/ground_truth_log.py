@@ -130,7 +130,7 @@ class _Border:
     """
 
     def __init__(
-        self, identity: int, name: str, height_m: float, parts: list[Float[np.ndarray, "k 2"]]
+        self, identity: int, name: str, height_m: float, parts: list[Float[np.ndarray, "_ 2"]]
     ) -> None:
         self._head = {"identity": identity, "name": name, "height_m": height_m}
         self._parts = parts
