@@ -5,8 +5,8 @@ Source: ours, from walks in simulation.
 
 from __future__ import annotations
 
-NEAR_M = 1.2  # within this distance a target has its full priority
-FAR_M = 2.2  # beyond this distance it has none
+from ..safety.guard_settings import FAR_M, NEAR_M
+
 SEEK_MAX = 3.0  # priority of the most overdue target, relative to one that is just due
 
 

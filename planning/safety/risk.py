@@ -24,11 +24,11 @@ from perception.primitives.robot_model import RobotModel
 from . import _risk_kernels
 from ._guard_arguments import Gait, Movers
 from .guard_settings import (
+    ESCAPE_S,
     EXPECTED_CONTACT_M,
     FAR_M,
     HALF_VIEW_DEG,
     NEAR_M,
-    REST_STEPS,
     RISK_S,
     SIZE_SIGMA_M,
     GuardConfig,
@@ -62,9 +62,9 @@ class Risk:
         half = model.gait.step_s / 2.0
         self.steps = min(max(round(RISK_S / model.gait.step_s), 1), config.steps)
         """Footsteps in the time of the bound."""
-        self._all_steps = config.steps
+        self._all_steps, self._rests = config.steps, max(round(ESCAPE_S / model.gait.step_s), 1)
         self._reach = math.radians(min(model.head.pan_deg + HALF_VIEW_DEG, 180.0))
-        times = half * np.arange(1, 2 * (config.steps + REST_STEPS) + 1)
+        times = half * np.arange(1, 2 * (config.steps + self._rests) + 1)
         movers = [one for one in obstacles if may_move(one)]
         doubt = robot.covariance[:2, :2] + np.eye(2) * SIZE_SIGMA_M**2
         modes = max((5 if one.motion is not None else 2 for one in movers), default=1)
@@ -91,7 +91,7 @@ class Risk:
         to_the_end: bool = False,
     ) -> Float[np.ndarray, "c"]:
         """Probability of contact on every plan of the guard, in the time of the bound or until its end."""
-        steps, rests = (self._all_steps, REST_STEPS) if to_the_end else (self.steps, 0)
+        steps, rests = (self._all_steps, self._rests) if to_the_end else (self.steps, 0)
         found: np.ndarray = _risk_kernels.risks(
             robot, np.ascontiguousarray(plans), target, gait, steps, rests, self._movers
         )
@@ -112,7 +112,7 @@ class Risk:
             target,
             gait,
             self._all_steps,
-            REST_STEPS,
+            self._rests,
             self._movers,
             costs,
             EXPECTED_CONTACT_M,

@@ -86,8 +86,9 @@ def evaluate(
     Args:
         run: A run of any kind.
         truth: Trajectory in TUM, EuRoC or KITTI text, used instead of the run's own truth/. That of KITTI has no
-            stamps and needs as many lines as the run has poses. Its axes and its body point may differ from those of the run, so only errors after alignment are measured, and the consistency of
-            the covariances only if the truth is a trajectory of the same camera.
+            stamps and needs as many lines as the run has poses. Axes and body point may differ from those of the run,
+            so only errors after alignment are measured, and the consistency of the covariances only if the truth is a
+            trajectory of the same camera.
         surface: True surface (mesh or cloud) to compare the surface of the run with: in the frame of the run,
             or, together with `truth`, in the frame of the truth.
         truth_sigma: Standard deviations of the given truth itself, m and rad.

@@ -209,7 +209,8 @@ def _opencv(path: Path) -> Path | None:
 
 def _kitti(path: Path) -> Path | None:
     """The calibration file of KITTI, of images in its folders."""
-    if not any(pictures(path / name) for name in _KITTI_MATRICES):
+    lefts, _ = _images(path)
+    if not lefts or lefts[0].parent.name not in _KITTI_MATRICES:
         return None
     found = [place / _KITTI for place in (path, path.resolve().parent)]
     return next((file for file in found if file.is_file()), None)

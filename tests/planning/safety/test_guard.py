@@ -78,7 +78,7 @@ def test_a_track_of_what_stands_in_occupied_cells_is_not_charged_beside_them(in_
     cells = door(half)
     if not in_cells:  # no cell shows the same thing
         cells = cells[np.hypot(*(cells - [0.4, half + 0.05]).T) > 0.15]
-    frame = mover(0.4, half + 0.05, 0.0, 0.0, moving=0.001)
+    frame = mover(0.4, half + 0.05, 0.0, 0.0, moving=0.01)
     wish = limited_step(GAIT, 0.05, 0.0, 0.0)
     made = choose(wish, at(Pose2()), [frame], cells, np.array([1.5, 0.0]), CONFIG)
     assert (made == wish) == passes
@@ -93,10 +93,10 @@ def test_a_track_of_what_stands_in_occupied_cells_is_not_charged_beside_them(in_
     ],
 )
 def test_the_half_step_after_the_last_command_is_taken_into_account(first, later_s, stays):
-    """An obstacle passes 37 cm ahead: enough for a standing robot, not for one that still moves on."""
+    """An obstacle passes 36 cm ahead: enough for a standing robot, not for one that still moves on."""
     guard, stand = Guard(CONFIG, DARWIN_OP), limited_step(GAIT, 0.0, 0.0, 0.0)
     guard.choose(first, at(Pose2()), [], NOTHING, np.array([2.0, 0.0]), 0.0)
-    by = mover(0.37, 0.3, 0.0, -0.06, later_s)
+    by = mover(0.36, 0.3, 0.0, -0.06, later_s)
     chosen = guard.choose(stand, at(Pose2()), [by], NOTHING, np.zeros(2), later_s)
     assert (chosen == stand) is stays
 
@@ -223,7 +223,7 @@ def test_a_robot_of_any_size_walks_between_cells_that_its_disc_does_not_reach(ra
 
 def test_the_robot_does_not_follow_an_obstacle_that_may_reverse_closely():
     wish = footstep(0.0, 0.10, Pose2(), GAIT)
-    away = mover(0.60, 0.0, 0.06, 0.0)
+    away = mover(0.54, 0.0, 0.06, 0.0)
     target = np.array([1.0, 0.0])
     doubting = replace(CONFIG, sigmas=0.0)
     assert choose(wish, at(Pose2()), [away], NOTHING, target, doubting, stamp_s=0.0) is not wish

@@ -101,6 +101,15 @@ def test_pairs_without_a_calibration_are_refused_with_what_is_missing(tmp_path):
         open_recording(path)
 
 
+def test_a_calibration_of_kitti_is_for_its_own_folders_only(tmp_path):
+    path = pairs(tmp_path / "00", "left/{:06d}.png", "right/{:06d}.png")
+    (path / "image_0").mkdir()
+    (path / "image_0" / "000000.png").write_bytes((path / "left" / "000000.png").read_bytes())
+    (path / "calib.txt").write_text(kitti({"P0": 0.0, "P1": -54.0}))
+    with pytest.raises(RecordingError, match="without a calibration"):
+        open_recording(path)
+
+
 def test_times_must_be_as_many_as_images(tmp_path):
     path = pairs(tmp_path / "00", "image_0/{:06d}.png", "image_1/{:06d}.png")
     (path / "calib.txt").write_text(kitti({"P0": 0.0, "P1": -54.0}))
