@@ -5,7 +5,8 @@ Source: ours, from walks in simulation.
 
 from __future__ import annotations
 
-from ..safety.guard_settings import FAR_M, NEAR_M
+NEAR_M, FAR_M = 1.2, 2.2
+"""Ours, from walks in simulation: up to the first a target counts as near, beyond the second it does not."""
 
 SEEK_MAX = 3.0  # priority of the most overdue target, relative to one that is just due
 

@@ -20,8 +20,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 
 from ..commands import GazeCommand
-from ..safety.guard_settings import FAR_M, NEAR_M
-from .priority import SEEK_MAX, nearness
+from .priority import FAR_M, NEAR_M, SEEK_MAX, nearness
 from .sampling import from_camera, in_world
 from .selection import GazeMapConfig, in_view
 

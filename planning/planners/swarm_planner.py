@@ -40,9 +40,6 @@ DOUBTED = 0.05
 """Ours: probability of moving above which the gaze follows a track; low, since an obstacle that reverses seems at rest."""
 BESIDE_M = 0.05  # ours: a contact this near to a moving track belongs to it
 GLANCE_RAD = math.radians(10.0)  # ours: with the head turned further the picture is a glance
-FOLLOWING_COST = 0.04  # ours: at three times that the robot walks along with crossing obstacles
-GLANCE_EVERY = 2
-"""Ours: steps between glances, by which a reversal beside the robot is noticed later."""
 WAITS = 0.6  # ours: share of the cruising step below which the robot counts as waiting
 
 
@@ -62,10 +59,7 @@ class SwarmPlanner(GoalSeeker):
         self._robot = config.robot
         self._published = config.swarm.version != "ours"
         self._corners = Corners(config.swarm.version)
-        react_s = config.guard.react_s + GLANCE_EVERY * self._robot.gait.step_s
-        self._guard = Guard(
-            replace(config.guard, react_s=react_s, following_cost=FOLLOWING_COST), self._robot
-        )
+        self._guard = Guard(config.guard, self._robot)
         self._standing = GroundMemory(self._robot.breadth)
         self._rng = np.random.default_rng([config.seed, 40])
         self._seen: ColourFloor | None = None  # in the last picture

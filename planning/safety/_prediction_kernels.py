@@ -17,11 +17,9 @@ def back_and_forth(
     since_seen: np.ndarray,
     direction: np.ndarray,
     start: float,
-    seen: tuple[float, float],
     turns: tuple[float, float],
     places: np.ndarray,
     velocities: np.ndarray,
-    learnt: np.ndarray,
 ) -> None:
     """Positions and velocities at the given times, reversing at the known turning points.
 
@@ -32,17 +30,10 @@ def back_and_forth(
         since_seen: (n,) times since the sighting, s.
         direction: (2,) unit vector of the line.
         start: Coordinate of `seen_at` on the line, m.
-        seen: Coordinates between which it was observed, m.
         turns: Coordinates of the turning points, m; NaN if unknown.
         places, velocities: (n, 2) output, m and m/s.
-        learnt: (n,) output: whether a position lies where it was observed, or behind a turn.
     """
     low, high = turns
-    least, most = seen
-    if math.isfinite(low):
-        least = min(least, low)
-    if math.isfinite(high):
-        most = max(most, high)
     both = math.isfinite(low) and math.isfinite(high) and high - low > 0.05
     length = high - low
     begin = min(max(start, low), high) - low if both else 0.0
@@ -63,4 +54,3 @@ def back_and_forth(
         for axis in range(2):
             places[k, axis] = seen_at[axis] + (at - start) * direction[axis]
             velocities[k, axis] = speed * now * direction[axis]
-        learnt[k] = (least - 1e-9 < at < most + 1e-9) or now != sense

@@ -2,21 +2,17 @@
 
 The field looks one step ahead, but a robot of 0.10 m/s among obstacles that do not avoid it, at 0.06 m/s, is hit
 from the side and from behind. Before each step the guard rolls out many plans (turn, walk on, side step, step
-back, wait, then go on) for 7.8 s against the predicted obstacles, with a distance that grows with their covariance,
-and against the occupied cells.
+back, wait, then go on) for 7.8 s against the predicted obstacles and the occupied cells.
 
 The plan with the least expected cost is walked: a part of it is the probability of contact with what may move, until
-the end of the plan and some steps of standing. Small risks are avoided where that is cheap, and somebody is given way
-before he is near. Another part is the number of movers that a plan leaves behind the range of the neck: what is out of
-view comes from behind unnoticed. The probability of contact in the next seconds is bounded (`risk`): if that plan exceeds
-the bound, the best of those that keep it is walked, unless it is more dangerous until its end. Such a bound alone would
-make the robot back away before somebody who is faster.
+the end of the plan and some steps of standing. Small risks are avoided where that is cheap, and somebody is given way before he is
+near. The probability of contact in the next seconds is bounded (`risk`): if that plan exceeds the bound, the best of
+those that keep it is walked, or of the least dangerous, unless it is more dangerous until its end. Such a bound alone
+would make the robot back away before somebody who is faster.
 
-A moving obstacle follows the motion pattern learnt for it. Without a pattern it goes straight on or reverses at any
-time, and a plan is charged for every position from which the robot could not leave its path in time. The end of a
-plan is charged likewise, else the robot would back away for as long as plans are judged. Standing still is a plan
-like the others and not safer, since these obstacles do not go round a robot. The guard keeps its plan until another
-is clearly better.
+A moving obstacle goes on as its modes of motion say, on the motion pattern learnt for it if there is one. Standing still
+is a plan like the others and not safer, since these obstacles do not go round a robot. The guard keeps its plan until
+another is clearly better.
 
 Source: ours; it adds to seed 001, section 4, what a study in simulation showed to be missing.
 """
@@ -40,10 +36,9 @@ from ..commands import WalkCommand
 from ..footsteps import footstep, half_a_step_on, limited_step
 from . import _guard_arguments as arguments
 from . import _guard_kernels as kernels
-from . import _risk_kernels
 from . import guard_settings as constants
+from .ahead import relative_sigma, stands_unseen
 from .guard_settings import GuardConfig as GuardConfig
-from .hypotheses import Hypotheses
 from .prediction import MotionPatterns
 from .risk import Risk
 
@@ -109,30 +104,31 @@ class Guard:
         return [self.patterns.propagated(obstacle, stamp_s) for obstacle in everything]
 
     def _safest(self, desired: WalkCommand, scene: _Scene) -> WalkCommand:
-        wish, bound = _desired_plans(desired, self.robot.gait)[:1], self.config.risk
+        wish, bound = scene.walked(_desired_plans(desired, self.robot.gait)[:1]), self.config.risk
         harm, _ = scene.judge(wish)
         harm += constants.EXPECTED_CONTACT_M * scene.risks(wish, to_the_end=True)
         self.word, self.risk = "guard", float(scene.risks(wish)[0])
         if harm[0] <= constants.PASS_M and self.risk <= bound:
-            self._present, self.ahead = None, scene.poses(wish[0])
+            self._present, self.ahead = None, _shown(wish[0])
             return desired
         plans = self._candidates(desired)
-        harm, cost = scene.judge(plans)
-        touches = scene.touches(plans)
-        cost += constants.OUT_OF_VIEW_M * scene.out_of_view(plans)
+        places = scene.walked(plans)
+        harm, cost = scene.judge(places)
+        touches = scene.touches(places)
         cost += constants.EXPECTED_CONTACT_M * touches
-        cost[1] -= self.config.keep_m + self.config.keep_share * harm[1]  # the present plan
-        best = scene.cheapest(plans, cost)
-        if scene.risks(plans[[best]])[0] > bound:
-            self.word = "least risk"
-            keeps = (scene.risks(plans) <= bound) & ~touches
-            if keeps.any():
-                other = scene.cheapest(plans, np.where(keeps, cost, math.inf))
-                later = scene.risks(plans[[best, other]], to_the_end=True)
-                if later[1] <= later[0]:
-                    self.word, best = "guard", other
-        self.risk = float(scene.risks(plans[[best]])[0])
-        self._present, self.ahead = plans[best].copy(), scene.poses(plans[best])
+        cost[1] -= constants.KEEP_M + constants.KEEP_SHARE * harm[1]  # the present plan
+        best = scene.cheapest(places, cost)
+        self.risk = float(scene.risks(places[[best]])[0])
+        if self.risk > bound:
+            risks = scene.risks(places)
+            least = float(np.min(risks, where=~touches, initial=1.0))
+            keeps = ~touches & (risks <= max(bound, least + constants.SAME_RISK))
+            other = scene.cheapest(places, np.where(keeps, cost, math.inf))
+            later = scene.risks(places[[best, other]], to_the_end=True)
+            if keeps.any() and later[1] <= later[0]:
+                best, self.risk = other, float(risks[other])
+        self.word = "least risk" if self.risk > bound else "guard"
+        self._present, self.ahead = plans[best].copy(), _shown(places[best])
         return desired if best == 0 else scene.step(plans[best])
 
     def _candidates(self, desired: WalkCommand) -> np.ndarray:
@@ -168,7 +164,7 @@ def choose(
 
 
 class _Scene:
-    """Everything that plans are judged by, as arrays for the kernel."""
+    """Everything that plans are judged by, as arrays for the kernels."""
 
     def __init__(
         self,
@@ -182,71 +178,47 @@ class _Scene:
         patterns: MotionPatterns,
         cell_distance_m: float,
     ) -> None:
-        gait = model.gait
-        hypotheses = Hypotheses(robot, stamp_s, config, model, patterns, occupied)
         everything = [*obstacles, *patterns.remembered(obstacles, stamp_s)]
-        for obstacle in everything:
-            hypotheses.add(obstacle)
         self._risk = Risk(robot, everything, stamp_s, config, model, patterns)
-        for line in patterns.lost(obstacles, stamp_s):
-            hypotheses.add_lost(line)
-        self._limits = gait
+        self._gait, self._steps = model.gait, config.steps
         self._robot, self._target = robot.mean.astype(np.float64), target.astype(np.float64)
-        self._gait = arguments.Gait(
-            gait.max_turn_rad, gait.step_s, gait.max_speed_mps, max(gait.max_side_mps, 1e-3)
-        )
-        self._discs = hypotheses.discs()
-        self._cells = _cells(robot.mean[:2], occupied, config.steps, model, cell_distance_m)
-        self._costs = arguments.Costs(
-            soft_m=constants.SOFT_M,
-            soft_cost_m=constants.SOFT_COST_M,
-            steep=constants.STEEP,
-            touch_m=config.margin_m,
-            contact_cost_m=constants.CONTACT_COST_M,
-            fade_s=config.fade_s,
-            react_s=config.react_s,
-            following=config.following_cost,
-            max_sigma_m=config.sigmas * config.max_sigma_m,
-        )
+        self._cells = _cells(robot, occupied, everything, config.steps, model, cell_distance_m)
+        self._costs = arguments.Costs(constants.STEEP, constants.CONTACT_COST_M, constants.FADE_S)
 
-    def judge(self, plans: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Cost of obstacles, and total cost, of every plan, m."""
-        results = np.empty((len(plans), 4))
-        kernels.roll_out(
-            self._robot,
-            np.ascontiguousarray(plans),
-            self._target,
-            self._gait,
-            self._discs,
-            self._cells,
-            self._costs,
-            results,
-        )
-        harm = results[:, 0] + results[:, 1]
-        return harm, harm + results[:, 2] + constants.HEADING_COST_M * results[:, 3]
-
-    def risks(self, plans: np.ndarray, to_the_end: bool = False) -> Float[np.ndarray, "c"]:
-        """Probability of contact with what may move on every plan, in the time of the bound or until its end."""
-        return self._risk.of(plans, self._robot, self._target, self._gait, to_the_end)
-
-    def touches(self, plans: np.ndarray) -> Bool[np.ndarray, "c"]:
-        """Whether every plan touches an occupied cell in the time of the bound."""
-        found: np.ndarray = _risk_kernels.touch_cells(
-            self._robot, plans, self._target, self._gait, self._risk.steps, self._cells
-        )
+    def walked(self, plans: Float[np.ndarray, "c 8"]) -> Float[np.ndarray, "c n 3"]:
+        """The body in the middle and at the end of every step of the plans."""
+        plans = np.ascontiguousarray(plans)
+        given = self._robot, plans, self._target, self._gait.max_turn_rad, self._steps
+        found: np.ndarray = kernels.walked(*given)
         return found
 
-    def out_of_view(self, plans: np.ndarray) -> Float[np.ndarray, "c"]:
-        """Expected number of near movers that every plan has out of view after the time of the bound."""
-        return self._risk.out_of_view(plans, self._robot, self._target, self._gait)
+    def judge(
+        self, places: Float[np.ndarray, "c n 3"]
+    ) -> tuple[Float[np.ndarray, "c"], Float[np.ndarray, "c"]]:
+        """Cost of what stands, and that cost with the way to the target, of every plan, m."""
+        half_s = self._gait.step_s / 2.0
+        results = kernels.judge(self._robot, places, self._target, half_s, self._cells, self._costs)
+        harm = results[:, 0]
+        return harm, harm + results[:, 1] + constants.HEADING_COST_M * results[:, 2]
 
-    def cheapest(self, plans: np.ndarray, cost: Float[np.ndarray, "c"]) -> int:
+    def risks(
+        self, places: Float[np.ndarray, "c n 3"], to_the_end: bool = False
+    ) -> Float[np.ndarray, "c"]:
+        """Probability of contact with what may move on every plan, in the time of the bound or until its end."""
+        return self._risk.of(places, self._robot, to_the_end)
+
+    def touches(self, places: Float[np.ndarray, "c n 3"]) -> Bool[np.ndarray, "c"]:
+        """Whether every plan touches what stands in the time of the bound."""
+        found: np.ndarray = kernels.touch_cells(places[:, : 2 * self._risk.steps], self._cells)
+        return found
+
+    def cheapest(self, places: Float[np.ndarray, "c n 3"], cost: Float[np.ndarray, "c"]) -> int:
         """Number of the plan with the least expected cost: its own, and that of a contact until its end."""
-        return self._risk.cheapest(plans, cost, self._robot, self._target, self._gait)
+        return self._risk.cheapest(places, cost, self._robot)
 
     def step(self, plan: np.ndarray) -> WalkCommand:
         """The first step of a plan, as the kernel makes it; a plan whose first part is over may pursue the target."""
-        gait = self._limits
+        gait = self._gait
         begins = plan[arguments.REPEAT] > 0.0
         forward, left, turn = (plan[:3] if begins else plan[4:7]).tolist()
         if begins or plan[arguments.PURSUES] == 0.0:
@@ -257,10 +229,10 @@ class _Scene:
         pose = Pose2(*self._robot.tolist())
         return footstep(math.atan2(dy, dx), forward / gait.step_s, pose, gait)
 
-    def poses(self, plan: np.ndarray) -> Float[np.ndarray, "n 3"]:
-        """The body after each of the first steps of a plan, for viewers."""
-        found: np.ndarray = _risk_kernels.walked(self._robot, plan, self._target, self._gait, SHOWN)
-        return found[1::2]
+
+def _shown(places: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "m 3"]:
+    """The body after each of the first steps of a plan, for viewers."""
+    return places[1 : 2 * SHOWN : 2].copy()
 
 
 def _desired_plans(desired: WalkCommand, gait: GaitLimits) -> np.ndarray:
@@ -290,15 +262,30 @@ def _fixed_plans(steps: int, gait: GaitLimits) -> np.ndarray:
 
 
 def _cells(
-    here: np.ndarray, occupied: np.ndarray, steps: int, model: RobotModel, wanted_m: float
+    robot: Gaussian,
+    occupied: Float[np.ndarray, "n 2"],
+    obstacles: Sequence[Obstacle],
+    steps: int,
+    model: RobotModel,
+    wanted_m: float,
 ) -> arguments.Cells:
-    """The cells within reach, nearest first; the required distance is at most the present one."""
-    gap = np.hypot(*(occupied - here).T)
-    contact_m = model.breadth * constants.CELL_CONTACT_M
-    reach = steps * model.gait.step_s * model.gait.max_speed_mps + wanted_m
-    near = np.flatnonzero(gap <= reach)
-    near = near[np.argsort(gap[near], kind="stable")]
-    wanted = np.clip(gap[near], contact_m, wanted_m)
-    touch = np.minimum(np.full(len(wanted), contact_m), gap[near])
-    places = np.ascontiguousarray(occupied[near], np.float64)
-    return arguments.Cells(places, np.stack([wanted, touch], axis=1))
+    """What stands within reach, nearest first; the required distance is at most the present one, but for contact.
+
+    A track that more likely stands, and that no cell shows, counts as one more cell of its size.
+    """
+    here = robot.mean[:2]
+    stands = [one for one in obstacles if stands_unseen(one, occupied)]
+    places = np.concatenate([occupied, np.array([o.position for o in stands]).reshape(-1, 2)])
+    near = np.array([model.radius_m + one.radius_m for one in stands])
+    sigma = np.array([relative_sigma(robot, one) for one in stands])
+    margin = constants.STILL_MARGIN_M + np.minimum(sigma, constants.MOST_SIGMA_M)
+    contact = np.full(len(occupied), model.breadth * constants.CELL_CONTACT_M)
+    contact = np.concatenate([contact, near])
+    wanted = np.concatenate([np.full(len(occupied), wanted_m), near + margin])
+    gap = np.hypot(*(places - here).T)
+    reach = steps * model.gait.step_s * model.gait.max_speed_mps
+    close = np.flatnonzero(gap <= reach + wanted)
+    close = close[np.argsort(gap[close], kind="stable")]
+    gap, contact, wanted = gap[close], contact[close], wanted[close]
+    needed = np.stack([np.clip(gap, contact, wanted), np.minimum(contact, gap)], axis=1)
+    return arguments.Cells(np.ascontiguousarray(places[close], np.float64), needed)

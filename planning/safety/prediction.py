@@ -37,7 +37,6 @@ LONGEST_GAP_S = 10.0  # ours: shorter than a track lives unseen; an obstacle out
 CONTRADICTED_M = 0.25  # a sighting this far beyond a turning point removes it
 FRESH_SHARE = 0.5  # weight of a new sighting of a turning point
 REMEMBERED_S = 60.0  # how long an obstacle between two known ends is predicted out of sight
-LOST_S = 30.0  # how long one with an unknown end counts as lost on its line
 DRIFT_MPS = 0.012  # growth of the deviation along the line while out of sight
 LINES = 40  # lines kept, the latest
 
@@ -49,14 +48,11 @@ class Forecast:
     Args:
         places: At the requested times, world frame, m.
         velocities: At the same times, m/s.
-        learnt: Whether each position lies where the obstacle was seen to pass, or behind an observed turn; it does
-            not reverse there.
         since_seen: Whether its path since the last sighting is known too.
     """
 
     places: Float[np.ndarray, "n 2"]
     velocities: Float[np.ndarray, "n 2"]
-    learnt: np.ndarray
     since_seen: bool
 
 
@@ -141,12 +137,11 @@ class MotionPatterns:
         if line is None:
             places = seen_at + (unseen + times[:, None]) * velocity
             moving = np.broadcast_to(velocity, places.shape)
-            return Forecast(places, moving, np.zeros(len(times), np.bool_), False)
+            return Forecast(places, moving, False)
         sense = 1.0 if float(velocity @ line.direction) >= 0.0 else -1.0
         start = line.along(seen_at)
         rate = self._rate(obstacle, line)
         places, velocities = np.empty((len(times), 2)), np.empty((len(times), 2))
-        learnt = np.empty(len(times), np.bool_)
         _prediction_kernels.back_and_forth(
             seen_at,
             sense,
@@ -154,14 +149,13 @@ class MotionPatterns:
             unseen + times,
             line.direction,
             start,
-            (line.low, line.high),
             (line.turn_low, line.turn_high),
             places,
             velocities,
-            learnt,
         )
         known = math.isfinite(line.turn_high if sense > 0 else line.turn_low)
-        return Forecast(places, velocities, learnt, known or bool(unseen > 0.0 and learnt[0]))
+        passed = unseen > 0.0 and line.low <= line.along(places[0]) <= line.high
+        return Forecast(places, velocities, known or passed)
 
     def propagated(self, obstacle: Obstacle, stamp_s: float) -> Obstacle:
         """A moving obstacle at its predicted present position; any other obstacle unchanged."""
@@ -181,7 +175,7 @@ class MotionPatterns:
             Obstacles under the hypothesis of straight motion; `forecast` and `propagated` follow their lines.
         """
         found = []
-        for line in self._without_track(obstacles, stamp_s, REMEMBERED_S):
+        for line in self._without_track(obstacles, stamp_s):
             if not (math.isfinite(line.turn_low) and math.isfinite(line.turn_high)):
                 continue
             unseen = stamp_s - line.seen_s
@@ -203,23 +197,13 @@ class MotionPatterns:
             )
         return found
 
-    def lost(self, obstacles: Sequence[Obstacle], stamp_s: float) -> list[Line]:
-        """Lines with an unknown end on which an obstacle was lost; it may be anywhere on them."""
-        return [
-            line
-            for line in self._without_track(obstacles, stamp_s, LOST_S)
-            if not (math.isfinite(line.turn_low) and math.isfinite(line.turn_high))
-        ]
-
-    def _without_track(
-        self, obstacles: Sequence[Obstacle], stamp_s: float, longest_s: float
-    ) -> list[Line]:
-        """Lines with a sighting within the last `longest_s` and no present track."""
+    def _without_track(self, obstacles: Sequence[Obstacle], stamp_s: float) -> list[Line]:
+        """Lines with a sighting within the last `REMEMBERED_S` and no present track."""
         tracks = {obstacle.track for obstacle in obstacles}
         lost = [
             line
             for line in self.lines
-            if 0.0 < stamp_s - line.seen_s <= longest_s
+            if 0.0 < stamp_s - line.seen_s <= REMEMBERED_S
             and line.track not in tracks
             and line.high - line.low > 0.2
         ]

@@ -10,7 +10,6 @@ Source: ours; chance constraints as in Blackmore, Ono and Williams 2011, over a 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -22,18 +21,15 @@ from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.robot_model import RobotModel
 
 from . import _risk_kernels
-from ._guard_arguments import Gait, Movers
+from ._guard_arguments import Movers
+from .ahead import Ahead, may_move
 from .guard_settings import (
     ESCAPE_S,
     EXPECTED_CONTACT_M,
-    FAR_M,
-    HALF_VIEW_DEG,
-    NEAR_M,
     RISK_S,
     SIZE_SIGMA_M,
     GuardConfig,
 )
-from .hypotheses import Ahead, may_move
 from .prediction import MotionPatterns
 
 
@@ -62,17 +58,15 @@ class Risk:
         half = model.gait.step_s / 2.0
         self.steps = min(max(round(RISK_S / model.gait.step_s), 1), config.steps)
         """Footsteps in the time of the bound."""
-        self._all_steps, self._rests = config.steps, max(round(ESCAPE_S / model.gait.step_s), 1)
-        self._reach = math.radians(min(model.head.pan_deg + HALF_VIEW_DEG, 180.0))
+        self._rests = max(round(ESCAPE_S / model.gait.step_s), 1)
         times = half * np.arange(1, 2 * (config.steps + self._rests) + 1)
         movers = [one for one in obstacles if may_move(one)]
         doubt = robot.covariance[:2, :2] + np.eye(2) * SIZE_SIGMA_M**2
-        modes = max((5 if one.motion is not None else 2 for one in movers), default=1)
-        shape = (len(movers), len(times), modes)
+        ways = [Ahead.of(one, stamp_s, times, patterns) for one in movers]
+        shape = (len(movers), len(times), max((one.weights.shape[1] for one in ways), default=1))
         weights, means = np.zeros(shape), np.zeros((*shape, 2))
         covariances = np.zeros((*shape, 2, 2))
-        for k, one in enumerate(movers):
-            ahead = Ahead.of(one, stamp_s, times, patterns, config)
+        for k, (one, ahead) in enumerate(zip(movers, ways, strict=True)):
             own = slice(ahead.weights.shape[1])
             weights[k, :, own], means[k, :, own] = ahead.weights, ahead.means
             if one.moving < MOVING:
@@ -84,58 +78,30 @@ class Risk:
 
     def of(
         self,
-        plans: Float[np.ndarray, "c 8"],
+        places: Float[np.ndarray, "c n 3"],
         robot: Float[np.ndarray, "3"],
-        target: Float[np.ndarray, "2"],
-        gait: Gait,
         to_the_end: bool = False,
     ) -> Float[np.ndarray, "c"]:
-        """Probability of contact on every plan of the guard, in the time of the bound or until its end."""
-        steps, rests = (self._all_steps, self._rests) if to_the_end else (self.steps, 0)
-        found: np.ndarray = _risk_kernels.risks(
-            robot, np.ascontiguousarray(plans), target, gait, steps, rests, self._movers
-        )
+        """Probability of contact on every plan, in the time of the bound or until its end.
+
+        Args:
+            places: The body in the middle and at the end of every step, x, y, yaw, world frame, m and rad.
+            robot: The body where plans begin.
+            to_the_end: Until the end of the plans, and some steps of standing.
+        """
+        rests = self._rests if to_the_end else 0
+        part = places if to_the_end else places[:, : 2 * self.steps]
+        found: np.ndarray = _risk_kernels.risks(robot, part, rests, self._movers)
         return found
 
     def cheapest(
         self,
-        plans: Float[np.ndarray, "c 8"],
+        places: Float[np.ndarray, "c n 3"],
         costs: Float[np.ndarray, "c"],
         robot: Float[np.ndarray, "3"],
-        target: Float[np.ndarray, "2"],
-        gait: Gait,
     ) -> int:
         """Number of the plan with the least expected cost: its own, m, and that of a contact until its end."""
         found: int = _risk_kernels.cheapest(
-            robot,
-            np.ascontiguousarray(plans),
-            target,
-            gait,
-            self._all_steps,
-            self._rests,
-            self._movers,
-            costs,
-            EXPECTED_CONTACT_M,
-        )
-        return found
-
-    def out_of_view(
-        self,
-        plans: Float[np.ndarray, "c 8"],
-        robot: Float[np.ndarray, "3"],
-        target: Float[np.ndarray, "2"],
-        gait: Gait,
-    ) -> Float[np.ndarray, "c"]:
-        """Expected number of near movers that every plan has behind the range of the neck after the time of the bound."""
-        found: np.ndarray = _risk_kernels.out_of_view(
-            robot,
-            np.ascontiguousarray(plans),
-            target,
-            gait,
-            self.steps,
-            self._movers,
-            self._reach,
-            NEAR_M,
-            FAR_M,
+            robot, places, self._rests, self._movers, costs, EXPECTED_CONTACT_M
         )
         return found

@@ -21,8 +21,7 @@ from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2, Pose3
 from planning.gaze.selection import DirectionMap
 from planning.planners.planner import Decision, Plan
-from planning.safety.guard_settings import GuardConfig
-from planning.safety.hypotheses import Ahead
+from planning.safety.ahead import Ahead
 from planning.safety.prediction import MotionPatterns
 from planning.world_model import WorldModel
 
@@ -103,7 +102,7 @@ def moment_of(cycle: Cycle, config: Config, patterns: MotionPatterns, pictured: 
         lenses = {name: getattr(cycle.frame, name).camera for name in cameras}
     elif colour is not None:
         lenses["colour"] = colour.camera
-    predictions = [_predictions(one, world.stamp_s, config.guard, patterns) for one in world.tracks]
+    predictions = [_predictions(one, world.stamp_s, patterns) for one in world.tracks]
     return Moment(
         stamp_s=world.stamp_s,
         pose=estimate.pose,
@@ -224,12 +223,12 @@ def _layers(grid: EgocentricGrid, confidence: ConfidenceLayer | None) -> Layers:
 
 
 def _predictions(
-    obstacle: Obstacle, stamp_s: float, config: GuardConfig, patterns: MotionPatterns
+    obstacle: Obstacle, stamp_s: float, patterns: MotionPatterns
 ) -> tuple[Prediction, ...]:
     """The modes of an obstacle that may move; none for a static one."""
     if obstacle.moving < MOVING:
         return ()
-    ahead = Ahead.of(obstacle, stamp_s, np.array(AHEAD_S), patterns, config)
+    ahead = Ahead.of(obstacle, stamp_s, np.array(AHEAD_S), patterns)
     return tuple(
         Prediction(t, float(weight), mean.copy(), P.copy())
         for k, t in enumerate(AHEAD_S)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.primitives.obstacle import Obstacle
-from planning.safety.hypotheses import Ahead
+from planning.safety.ahead import Ahead
 from planning.safety.prediction import MotionPatterns
 from sim.scenes import catalogue
 from sim.truth import FIRST_STATIC_ID
@@ -107,7 +107,7 @@ def judged(config: Config, seconds: float, acceleration: float = ACCELERATION) -
                 seen_s[apart < GATE_M] = one.stamp_s
             plain.update(one.stamp_s, one.heard.detections, one.heard.robot, one.heard.visible)
         patterns.update([track.gone_straight() for track in one.obstacles])
-        _note(log, one, patterns, config)
+        _note(log, one, patterns)
         log.places.append(movers)
         log.near.append(near)
         log.viewed.append(viewed)
@@ -120,14 +120,14 @@ def judged(config: Config, seconds: float, acceleration: float = ACCELERATION) -
     return _summed(log, config.seed)
 
 
-def _note(log: _Log, one: WatchedInstant, patterns: MotionPatterns, config: Config) -> None:
+def _note(log: _Log, one: WatchedInstant, patterns: MotionPatterns) -> None:
     """Record tracks, their forecasts and the truth."""
     log.stamps.append(one.stamp_s)
     log.truth += [(one.stamp_s, *map(float, row[:5])) for row in one.truth]
     for track in one.obstacles:
         log.entries.append(_entry(one.stamp_s, track))
         log.forecasts[one.stamp_s, track.track] = Ahead.of(
-            track, one.stamp_s, np.array(HORIZONS_S), patterns, config.guard
+            track, one.stamp_s, np.array(HORIZONS_S), patterns
         )
 
 

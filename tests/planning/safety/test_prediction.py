@@ -54,7 +54,7 @@ def test_after_one_period_the_path_is_predicted_for_30_s(angle, length, speed, s
     forecast = patterns.forecast(seen(place, velocity, now), now, times)
     true = np.array([back_and_forth(start, direction, length, speed, now + t)[0] for t in times])
     assert np.hypot(*(forecast.places - true).T).max() < 0.08
-    assert forecast.learnt.all()
+    assert forecast.since_seen
 
 
 def test_noise_of_two_centimetres_leaves_the_forecast_within_15():
@@ -89,12 +89,11 @@ def test_an_uncertain_speed_after_a_reversal_is_replaced_by_that_of_the_line():
     assert gone[0] == pytest.approx(5.0 * 0.02, rel=0.05)
 
 
-def test_without_a_line_the_forecast_is_straight_and_nothing_is_learnt():
+def test_without_a_line_the_forecast_is_straight_and_its_path_unknown():
     times = np.linspace(0.5, 5.0, 10)
     one = seen(np.array([1.0, 2.0]), np.array([0.05, 0.0]), 3.0)
     forecast = MotionPatterns().forecast(one, 3.0, times)
     np.testing.assert_allclose(forecast.places[:, 0], 1.0 + 0.05 * times)
-    assert not forecast.learnt.any()
     assert not forecast.since_seen
 
 
@@ -137,11 +136,10 @@ def test_an_obstacle_with_a_track_is_not_remembered_twice():
     assert patterns.remembered([seen(place, velocity, 31.0, track=7)], 31.0) == []
 
 
-def test_a_line_with_an_unknown_end_is_reported_as_lost():
+def test_an_obstacle_on_a_line_with_an_unknown_end_is_not_remembered():
     patterns, start, direction = MotionPatterns(), np.zeros(2), np.array([1.0, 0.0])
     learn(patterns, start, direction, 2.0, 0.08, 0.0, 10.0)
-    (line,) = patterns.lost([], 20.0)
-    assert line.high - line.low == pytest.approx(0.08 * 9.75, abs=0.02)
+    assert len(patterns.lines) == 1
     assert patterns.remembered([], 20.0) == []
 
 
@@ -183,11 +181,10 @@ def test_an_obstacle_turns_where_the_turning_points_are(start, turns, true, sens
     if mirror < 0.0:
         turns = (-turns[1], -turns[0])
     direction, speed, times = np.array([0.6, 0.8]), 0.5, np.array([2.0, 8.4, 18.0])
-    places, velocities, learnt = np.empty((3, 2)), np.empty((3, 2)), np.empty(3, np.bool_)
+    places, velocities = np.empty((3, 2)), np.empty((3, 2))
     aside, at = np.array([-0.08, 0.06]), mirror * start  # it stays on its parallel to the line
     _prediction_kernels.back_and_forth(
-        at * direction + aside, mirror, speed, times, direction, at, (at - 0.1, at + 0.1), turns,
-        places, velocities, learnt,
-    )  # fmt: skip
+        at * direction + aside, mirror, speed, times, direction, at, turns, places, velocities
+    )
     np.testing.assert_allclose(places, mirror * np.outer(true, direction) + aside, atol=1e-9)
     np.testing.assert_allclose(velocities, mirror * speed * np.outer(senses, direction), atol=1e-9)

@@ -16,20 +16,18 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.motion import GOING, Motion
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
-from perception.primitives.robot_model import DARWIN_OP, RobotModel
+from perception.primitives.robot_model import DARWIN_OP
 from planning.commands import WalkCommand
 from planning.footsteps import footstep
-from planning.safety._guard_arguments import Gait
-from planning.safety._risk_kernels import disc_mass, walked
+from planning.safety._guard_kernels import walked
+from planning.safety._risk_kernels import disc_mass
 from planning.safety.guard import Guard, _desired_plans
 from planning.safety.guard_settings import CELL_CONTACT_M, RISK_S, SIZE_SIGMA_M, GuardConfig
 from planning.safety.prediction import MotionPatterns
 from planning.safety.risk import Risk
 
 STEP_S = DARWIN_OP.gait.step_s
-GAIT = Gait(
-    DARWIN_OP.gait.max_turn_rad, STEP_S, DARWIN_OP.gait.max_speed_mps, DARWIN_OP.gait.max_side_mps
-)
+GAIT, STEPS = DARWIN_OP.gait, GuardConfig().steps
 NOTHING = np.zeros((0, 2))
 SURE = Gaussian(np.zeros(3), np.diag([1e-4, 1e-4, 1e-4]))
 
@@ -49,6 +47,11 @@ def tracked(place: np.ndarray, velocity: np.ndarray, seed: int = 0) -> Obstacle:
     found = watched(place, velocity, seed)
     assert found.moving > 0.5
     return found
+
+
+def places_of(plan: np.ndarray, target: tuple[float, float] = (3.0, 0.0)) -> np.ndarray:
+    """(1, n, 3) poses on a plan from the origin."""
+    return walked(np.zeros(3), plan[None], np.array(target), GAIT.max_turn_rad, STEPS)
 
 
 def contact_share(obstacle: Obstacle, plan: np.ndarray, runs: int = 20000) -> float:
@@ -71,7 +74,7 @@ def contact_share(obstacle: Obstacle, plan: np.ndarray, runs: int = 20000) -> fl
     chances[:, -1] = 1.0
     error = rng.multivariate_normal(np.zeros(2), SURE.covariance[:2, :2], runs)
     radius = DARWIN_OP.radius_m + obstacle.radius_m + SIZE_SIGMA_M * rng.standard_normal(runs)
-    poses = walked(np.zeros(3), plan, np.array([3.0, 0.0]), GAIT, 4)
+    poses = places_of(plan)[0, :8]
     times = np.concatenate([[0.0], np.arange(1, 10) * STEP_S / 2])
     along = np.concatenate([[[0.0, 0.0]] * 2, poses[:, :2]])
     hit = np.zeros(runs, np.bool_)
@@ -89,7 +92,7 @@ def contact_share(obstacle: Obstacle, plan: np.ndarray, runs: int = 20000) -> fl
 
 def claimed(obstacle: Obstacle, plan: np.ndarray) -> float:
     risk = Risk(SURE, [obstacle], 9.0, GuardConfig(), DARWIN_OP, MotionPatterns())
-    return float(risk.of(plan[None], np.zeros(3), np.array([3.0, 0.0]), GAIT)[0])
+    return float(risk.of(places_of(plan), np.zeros(3))[0])
 
 
 def test_the_mass_of_a_disc_is_that_of_samples():
@@ -144,7 +147,7 @@ def test_a_tighter_bound_never_brings_more_risk_and_what_exceeds_it_is_named():
         place, velocity = rng.uniform(-0.5, 0.5, 2), rng.uniform(-0.1, 0.1, 2)
         mover, risks = tracked(place, velocity, seed), []
         for bound in (1.0, 0.02, 0.002):
-            guard = Guard(GuardConfig(risk=bound, margin_m=0.0, sigmas=0.0))
+            guard = Guard(GuardConfig(risk=bound))
             guard.choose(wish, SURE, [mover], NOTHING, target, 9.0)
             assert (guard.word == "least risk") == (guard.risk > bound)
             risks.append(guard.risk)
@@ -176,20 +179,6 @@ def test_one_that_may_go_at_any_time_is_passed_at_a_distance(moving, least_m):
     assert math.hypot(pose.x - 2.0, pose.y) < 0.15
 
 
-def test_near_movers_behind_the_range_of_the_neck_are_counted():
-    def out_of_view(place: tuple[float, float], model: RobotModel = DARWIN_OP) -> float:
-        mover = tracked(np.array(place), np.array([0.0, 0.02]))
-        risk = Risk(SURE, [mover], 9.0, GuardConfig(), model, MotionPatterns())
-        stand = np.zeros((1, 8))
-        return float(risk.out_of_view(stand, np.zeros(3), np.array([1.0, 0.0]), GAIT)[0])
-
-    assert out_of_view((-0.8, 0.0)) == pytest.approx(1.0, abs=0.02)
-    assert out_of_view((0.8, 0.0)) == out_of_view((0.2, -0.8)) == out_of_view((-2.5, 0.0)) == 0.0
-    assert 0.3 < out_of_view((-1.7, 0.0)) < 0.7
-    all_round = replace(DARWIN_OP, head=replace(DARWIN_OP.head, pan_deg=180.0))
-    assert out_of_view((-0.8, 0.0), all_round) == 0.0
-
-
 def test_where_no_plan_keeps_the_bound_the_least_dangerous_is_walked_and_named():
     rng = np.random.default_rng(3)
     around = [
@@ -210,7 +199,8 @@ def test_a_bound_that_is_no_probability_is_refused():
 
 def test_the_walked_places_of_a_straight_plan_lie_on_a_line():
     plan = _desired_plans(WalkCommand(forward_m=0.04), DARWIN_OP.gait)[1]
-    poses = walked(Pose2(1.0, 2.0, math.pi / 2).vector, plan, np.zeros(2), GAIT, 3)
+    start = Pose2(1.0, 2.0, math.pi / 2).vector
+    (poses,) = walked(start, plan[None], np.zeros(2), GAIT.max_turn_rad, 3)
     np.testing.assert_allclose(poses[:, 1], [2.02, 2.04, 2.04, 2.04, 2.04, 2.04], atol=1e-12)
 
 

@@ -167,7 +167,7 @@ def test_a_value_asked_for_stays_even_where_it_is_the_other_bodys():
 
 def test_what_was_written_with_another_body_reads_back_to_the_same(tmp_path):
     for overrides in (["robot.body=dynamic"], ["robot.dynamic.anatomy=tall"], []):
-        config = load(None, [*overrides, "guard.react_s=1.5"])
+        config = load(None, [*overrides, "guard.risk=0.02"])
         path = tmp_path / "config.toml"
         path.write_text(toml.dumps(config))
         assert load(path) == config
