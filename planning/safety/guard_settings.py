@@ -24,8 +24,9 @@ SMALL_RADIUS_M = 0.20  # ours: larger static tracks are represented by occupied 
 SURE_S = 3.0  # ours: the covariance grows no longer than this; later the obstacle is observed again
 ACCELERATION_MPS2 = 0.004  # ours: random acceleration of an obstacle without modes of motion
 TURNS_EVERY_S = 15.0  # ours: mean time between turns of an obstacle without modes of motion
-ESCAPE_S = 4.0
-"""Ours: time in which the robot gets out of the path of an obstacle; after the end of a plan the risk counts for as long."""
+ESCAPE_M = 0.4
+"""Ours: way on which a DARwIn-OP gets out of the path of an obstacle, grows with breadth; after the end of a plan the risk
+counts for the time that it takes at top speed."""
 
 RISK_S = 2.6  # ours: time for which the probability of contact is bounded; until then a new plan can take effect
 SAME_RISK = 0.01  # ours: smaller differences of the probability of contact do not make a plan the least dangerous

@@ -24,7 +24,7 @@ from . import _risk_kernels
 from ._guard_arguments import Movers
 from .ahead import Ahead, may_move
 from .guard_settings import (
-    ESCAPE_S,
+    ESCAPE_M,
     EXPECTED_CONTACT_M,
     RISK_S,
     SIZE_SIGMA_M,
@@ -58,7 +58,8 @@ class Risk:
         half = model.gait.step_s / 2.0
         self.steps = min(max(round(RISK_S / model.gait.step_s), 1), config.steps)
         """Footsteps in the time of the bound."""
-        self._rests = max(round(ESCAPE_S / model.gait.step_s), 1)
+        escape_s = ESCAPE_M * model.breadth / model.gait.max_speed_mps
+        self._rests = max(round(escape_s / model.gait.step_s), 1)
         times = half * np.arange(1, 2 * (config.steps + self._rests) + 1)
         movers = [one for one in obstacles if may_move(one)]
         doubt = robot.covariance[:2, :2] + np.eye(2) * SIZE_SIGMA_M**2

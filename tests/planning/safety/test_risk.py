@@ -27,7 +27,8 @@ from planning.safety.prediction import MotionPatterns
 from planning.safety.risk import Risk
 
 STEP_S = DARWIN_OP.gait.step_s
-GAIT, STEPS = DARWIN_OP.gait, GuardConfig().steps
+CONFIG = GuardConfig()
+GAIT, STEPS = DARWIN_OP.gait, CONFIG.steps
 NOTHING = np.zeros((0, 2))
 SURE = Gaussian(np.zeros(3), np.diag([1e-4, 1e-4, 1e-4]))
 
@@ -177,6 +178,18 @@ def test_one_that_may_go_at_any_time_is_passed_at_a_distance(moving, least_m):
         gaps.append(math.hypot(pose.x - 1.0, pose.y - 0.3))
     assert min(gaps) - DARWIN_OP.radius_m - stands.radius_m > least_m
     assert math.hypot(pose.x - 2.0, pose.y) < 0.15
+
+
+@pytest.mark.parametrize(("top_mps", "counts"), [(0.1, True), (2.0, False)])
+def test_after_a_plan_the_risk_counts_until_the_robot_can_get_out_of_the_way(top_mps, counts):
+    """Somebody comes, surely straight on, and is here 2 s after the plan's end."""
+    gait = replace(GAIT, max_speed_mps=top_mps)
+    arrives_s = (STEPS + 0.5) * STEP_S + 2.0
+    state = Gaussian(np.array([0.3 + 0.1 * arrives_s, 0.0, -0.1, 0.0]), np.diag([1e-4] * 4))
+    comes = Obstacle(state, 0.1, 0.4, 1, 1.0, 9.0)
+    risk = Risk(SURE, [comes], 9.0, CONFIG, replace(DARWIN_OP, gait=gait), MotionPatterns())
+    claim = float(risk.of(places_of(np.zeros(8)), np.zeros(3), to_the_end=True)[0])
+    assert (claim > 0.2) == counts
 
 
 def test_where_no_plan_keeps_the_bound_the_least_dangerous_is_walked_and_named():
