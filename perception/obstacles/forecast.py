@@ -35,15 +35,6 @@ class Forecast:
     means: Float[np.ndarray, "n m 4"]
     covariances: Float[np.ndarray, "n m 4 4"]
 
-    def as_observed(self) -> Float[np.ndarray, "n 2 2"]:
-        """Covariance of the position if it keeps the velocity observed, m^2."""
-        found = np.empty((len(self.means), 2, 2))
-        kept, mean = list(AS_OBSERVED), np.empty(2)
-        for k, weights in enumerate(self.probabilities[:, kept]):
-            parts = weights / weights.sum(), self.means[k, kept], self.covariances[k, kept]
-            _track_kernels.merge(*parts, mean, found[k])
-        return found
-
 
 def forecast(obstacle: Obstacle, times_s: Float[np.ndarray, "n"]) -> Forecast:
     """The modes of a tracked obstacle at times from the present on, ascending.

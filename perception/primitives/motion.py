@@ -38,23 +38,6 @@ class Motion:
     straight: Gaussian
 
     @property
-    def standing(self) -> Float[np.ndarray, "2"]:
-        """Where it stands if it does, m."""
-        weights = self.probabilities[:GOING]
-        place: np.ndarray = weights @ self.means[:GOING, :2] / weights.sum()
-        return place
-
-    @property
-    def goes_if_it_moves(self) -> float:
-        """Probability that it goes, given that it is not still."""
-        return float(self.probabilities[GOING:].sum() / self.probabilities[1:].sum())
-
-    @property
-    def turns_per_s(self) -> float:
-        """Rate at which it takes a new velocity while it goes straight on, 1/s."""
-        return float(self.rates[GOING, -1])
-
-    @property
     def named(self) -> dict[str, float]:
         """Probabilities by the name of the mode."""
         return dict(zip(MODES, self.probabilities.tolist(), strict=True))
