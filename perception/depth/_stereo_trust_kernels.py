@@ -101,9 +101,8 @@ def _vote(
     for x in range(count.size):
         one, other = np.int16(a[x] - middle[x]), np.int16(b[x] - middle[x])
         mean, one, other = abs(np.int16(one + other)), abs(one), abs(other)
-        slanted = max(
-            mean, np.int16(one + other - steep + limit)
-        )  # within the limit unless too steep
+        # at most the limit if the mean agrees and the surface is not too steep
+        slanted = max(mean, np.int16(one + other - steep + limit))
         for_one = weight if min(one, slanted) <= limit else none
         count[x] += for_one + (weight if min(other, slanted) <= limit else none)
 

@@ -116,11 +116,11 @@ def judge(
 
 
 @njit(cache=True)
-def touch_cells(places: np.ndarray, cells: Cells) -> np.ndarray:
-    """Whether every plan, with poses (c, n, 3), comes nearer to an occupied cell than at contact."""
+def touch_cells(places: np.ndarray, samples: int, cells: Cells) -> np.ndarray:
+    """Whether every plan, with poses (c, n, 3), comes nearer to what stands than at contact in its first samples."""
     found = np.zeros(len(places), np.bool_)
     for i in range(len(places)):
-        for n in range(places.shape[1]):
+        for n in range(samples):
             for k in range(len(cells.places)):
                 x, y = places[i, n, 0] - cells.places[k, 0], places[i, n, 1] - cells.places[k, 1]
                 least = cells.needed[k, 1] - 1e-6

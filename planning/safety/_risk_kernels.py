@@ -112,11 +112,13 @@ def risk(robot: np.ndarray, places: np.ndarray, rests: int, movers: Movers, most
 
 
 @njit(cache=True)
-def risks(robot: np.ndarray, places: np.ndarray, rests: int, movers: Movers) -> np.ndarray:
-    """`risk` of every plan, with poses (c, n, 3)."""
+def risks(
+    robot: np.ndarray, places: np.ndarray, samples: int, rests: int, movers: Movers
+) -> np.ndarray:
+    """`risk` of the first samples of every plan, with poses (c, n, 3)."""
     found = np.empty(len(places))
     for i in range(len(places)):
-        found[i] = risk(robot, places[i], rests, movers, 2.0)
+        found[i] = risk(robot, places[i, :samples], rests, movers, 2.0)
     return found
 
 

@@ -1,7 +1,7 @@
 """Where an obstacle will be during a rollout of the guard.
 
 An obstacle stands or goes, with the probabilities that its modes of motion give. One that goes follows its motion
-pattern, if it has one. What stands is kept clear by the occupied cells that show it; where none does, as a disc.
+pattern, if it has one. What stands is kept clear by the occupied cells that show it; where none does, a small thing counts as one more cell.
 
 Source: ours.
 """
@@ -74,13 +74,14 @@ class Ahead:
         start, cross, speed = P[:2, :2], P[:2, 2:], P[2:, 2:]
         kept = start + grown * (cross + cross.T) + grown**2 * speed
         kept = kept + (0.5 * ACCELERATION_MPS2 * grown**2) ** 2 * np.eye(2)
+        # reversed at some time since: any place between as far ahead as gone and as far back is equally likely
         spread = since_s[:, None, None] ** 2 / 3.0 * np.outer(going.velocity, going.velocity)
         covariances = [np.broadcast_to(still, kept.shape), kept, start + spread]
         return cls(weights, means, np.stack(covariances, axis=1))
 
 
 def may_move(obstacle: Obstacle) -> bool:
-    """Whether a track counts as more than the occupied cells that it covers: it moves, or is small enough for a disc."""
+    """Whether a track counts as more than the occupied cells that it covers: it moves, or is small."""
     return obstacle.moving >= MOVING or obstacle.radius_m <= SMALL_RADIUS_M
 
 

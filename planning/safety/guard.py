@@ -5,10 +5,11 @@ from the side and from behind. Before each step the guard rolls out many plans (
 back, wait, then go on) for 7.8 s against the predicted obstacles and the occupied cells.
 
 The plan with the least expected cost is walked: a part of it is the probability of contact with what may move, until
-the end of the plan and some steps of standing. Small risks are avoided where that is cheap, and somebody is given way before he is
-near. The probability of contact in the next seconds is bounded (`risk`): if that plan exceeds the bound, the best of
-those that keep it is walked, or of the least dangerous, unless it is more dangerous until its end. Such a bound alone
-would make the robot back away before somebody who is faster.
+the end of the plan and some steps of standing. Small risks are avoided where that is cheap, and somebody is given way
+before he is near. The probability of contact in the next seconds is bounded (`risk`). If the cheapest plan exceeds the
+bound, the cheapest of those that keep it is walked; where none does, the cheapest of the least dangerous. In both cases
+only if it is not more dangerous until its end: the bound alone would make the robot back away before somebody who is
+faster.
 
 A moving obstacle goes on as its modes of motion say, on the motion pattern learnt for it if there is one. Standing still
 is a plan like the others and not safer, since these obstacles do not go round a robot. The guard keeps its plan until
@@ -209,7 +210,7 @@ class _Scene:
 
     def touches(self, places: Float[np.ndarray, "c n 3"]) -> Bool[np.ndarray, "c"]:
         """Whether every plan touches what stands in the time of the bound."""
-        found: np.ndarray = kernels.touch_cells(places[:, : 2 * self._risk.steps], self._cells)
+        found: np.ndarray = kernels.touch_cells(places, 2 * self._risk.steps, self._cells)
         return found
 
     def cheapest(self, places: Float[np.ndarray, "c n 3"], cost: Float[np.ndarray, "c"]) -> int:

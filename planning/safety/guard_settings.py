@@ -43,7 +43,7 @@ PASS_M = 0.10  # ours: a desired step with no more cost than this passes
 
 @dataclass(frozen=True)
 class GuardConfig:
-    """Horizon, bound and costs."""
+    """Horizon of the plans, and bound on the risk."""
 
     steps: int = setting(12, "", "steps that each plan is rolled out for", "ours: 7.8 s suffice")
     risk: float = setting(

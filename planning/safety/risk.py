@@ -90,9 +90,8 @@ class Risk:
             robot: The body where plans begin.
             to_the_end: Until the end of the plans, and some steps of standing.
         """
-        rests = self._rests if to_the_end else 0
-        part = places if to_the_end else places[:, : 2 * self.steps]
-        found: np.ndarray = _risk_kernels.risks(robot, part, rests, self._movers)
+        samples, rests = (places.shape[1], self._rests) if to_the_end else (2 * self.steps, 0)
+        found: np.ndarray = _risk_kernels.risks(robot, places, samples, rests, self._movers)
         return found
 
     def cheapest(
