@@ -32,7 +32,7 @@ from jaxtyping import Float
 from ..filtering.consistency import Innovation
 from ..filtering.models import positive
 from ..primitives.errors import ConfigError
-from ..primitives.gaussian import Gaussian
+from ..primitives.gaussian import Gaussian, deviation
 from ..primitives.motion import Motion
 from ..primitives.settings import setting
 from . import _track_kernels
@@ -275,7 +275,7 @@ class Track:
             return False
         mean, covariance = np.empty(2), np.empty((2, 2))
         _track_kernels.merge(self._belief.w, *self._expectations(), mean, covariance)
-        return largest_sigma(Gaussian(mean, covariance)) > self.radius_m
+        return deviation(covariance) > self.radius_m
 
     def _same(self, seen: Detection) -> float:
         """Probability that a detection associated with this obstacle is of it, and not of a new one."""
@@ -331,12 +331,6 @@ class Track:
         self._robot, self._view = _contiguous(robot.mean), _contiguous(robot.covariance)
         self._wander_m2 = (self.config.shape_per_m * self.radius_m**2) ** 2
         self._view[[0, 1], [0, 1]] += self._wander_m2
-
-
-def largest_sigma(state: Gaussian) -> float:
-    """Standard deviation of the position (x, y) of a state along its worst axis, m."""
-    (a, b), (_, d) = state.covariance[:2, :2].tolist()
-    return math.sqrt((a + d) / 2.0 + math.hypot((a - d) / 2.0, b))
 
 
 def alike(difference_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:

@@ -22,13 +22,13 @@ from scipy.optimize import linear_sum_assignment
 from ..filtering.consistency import Innovation
 from ..primitives import plugins
 from ..primitives.errors import ConfigError
-from ..primitives.gaussian import Gaussian
+from ..primitives.gaussian import Gaussian, deviation
 from ..primitives.obstacle import MOVING, Obstacle
 from ..primitives.pose import Pose2
 from ..primitives.settings import setting
 from .motion_model import MEMBERS, MODELS, MotionModel
 from .record import Record, Snapshot, Through, doubt_carried
-from .track import NEW_PER_M2, Detection, TrackConfig, alike, largest_sigma
+from .track import NEW_PER_M2, Detection, TrackConfig, alike
 
 Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
 """Which places (n, 2), world frame, m, have a free line of sight in this frame."""
@@ -57,11 +57,11 @@ class TrackerConfig:
     misses_to_die: int = setting(
         5, "", "frames without detection, though visible, that end a track", "ours"
     )
-    oldest_s: float = 20.0  # ours: a moving obstacle may be anywhere by then; time without detection that ends a track
+    oldest_s: float = 30.0  # ours: a moving obstacle may be anywhere by then; time without detection that ends a track
     max_radius_m: float = setting(
         0.35, "m", "radius above which a detection is not tracked", "ours: furniture is in the map"
     )
-    largest_sigma_m: float = 0.8  # ours: position uncertainty that ends a track
+    largest_sigma_m: float = 3.0  # ours: half of a room; position uncertainty that ends a track
     motion_model: str = setting(
         "switching",
         "",
@@ -273,7 +273,10 @@ class ObstacleTracker:
         found = set()
         for record in self._records:
             radius = record.track.radius_m
-            if record.moving >= MOVING and largest_sigma(record.track.state) < radius:
+            if (
+                record.moving >= MOVING
+                and deviation(record.track.state.covariance[:2, :2]) < radius
+            ):
                 inside = np.hypot(*(places - record.track.state.mean[:2]).T) < radius
                 found |= {
                     k
@@ -296,7 +299,7 @@ class ObstacleTracker:
         limit = self.config.misses_to_die if shown else MISSES_OF_NEW
         if record.misses >= limit or stamp_s - record.seen_s > self.config.oldest_s:
             return False
-        return largest_sigma(record.track.state) < self.config.largest_sigma_m
+        return deviation(record.track.state.covariance[:2, :2]) < self.config.largest_sigma_m
 
     def _merge(self, stamp_s: float) -> None:
         """Keep the older of two tracks of one obstacle, if one is seen now; one that has lost its own may be anywhere."""
@@ -308,7 +311,7 @@ class ObstacleTracker:
                 same = SAME_SHARE * min(record.track.radius_m, older.track.radius_m)
                 if stamp_s not in (record.seen_s, older.seen_s) or math.hypot(x - a, y - b) >= same:
                     continue
-                if largest_sigma(older.track.state) < same:
+                if deviation(older.track.state.covariance[:2, :2]) < same:
                     break
             else:
                 kept.append(record)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,3 +36,9 @@ class Gaussian:
         scale = -2.0 * np.log(1.0 - probability)  # chi-square quantile, two degrees of freedom
         short, long = np.sqrt(np.maximum(values, 0.0) * scale)
         return float(long), float(short), float(np.arctan2(vectors[1, 1], vectors[0, 1]))
+
+
+def deviation(covariance: Float[np.ndarray, "2 2"]) -> float:
+    """Standard deviation along the worst axis, the root of the largest eigenvalue; eq. (2) and (3) of seed 001."""
+    (a, b), (_, c) = covariance.tolist()
+    return math.sqrt(max((a + c) / 2.0 + math.hypot((a - c) / 2.0, b), 0.0))

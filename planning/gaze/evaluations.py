@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.primitives.errors import ConfigError
+from perception.primitives.gaussian import deviation
 from perception.primitives.settings import setting
 
 
@@ -115,9 +116,3 @@ def of_way(
         return 1.0
     gap = float(np.min(np.linalg.norm(positions, axis=1) - radii))
     return min(max(gap, 0.0) / config.way_free_m, 1.0)
-
-
-def deviation(covariance: Float[np.ndarray, "2 2"]) -> float:
-    """sigma of eq. (2) and (3): root of the largest eigenvalue, m."""
-    (a, b), (_, c) = covariance.tolist()
-    return math.sqrt(max((a + c) / 2.0 + math.hypot((a - c) / 2.0, b), 0.0))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from .evaluations import deviation
+from perception.primitives.gaussian import deviation
 
 
 def gains(

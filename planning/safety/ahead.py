@@ -8,14 +8,12 @@ Source: ours.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from perception.obstacles.forecast import AS_OBSERVED, forecast
-from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import MOVING, Obstacle
 
 from .guard_settings import ACCELERATION_MPS2, SMALL_RADIUS_M, SURE_S, TURNS_EVERY_S
@@ -91,10 +89,3 @@ def stands_unseen(obstacle: Obstacle, occupied: Float[np.ndarray, "n 2"]) -> boo
         return False
     gaps = np.linalg.norm(occupied - obstacle.position, axis=1)
     return not np.any(gaps <= obstacle.radius_m)
-
-
-def relative_sigma(robot: Gaussian, obstacle: Obstacle) -> float:
-    """Standard deviation of the relative position along its worst axis, m."""
-    P = obstacle.state.covariance[:2, :2] + robot.covariance[:2, :2]
-    middle, spread = (P[0, 0] + P[1, 1]) / 2, math.hypot((P[0, 0] - P[1, 1]) / 2, P[0, 1])
-    return math.sqrt(max(float(middle) + spread, 0.0))

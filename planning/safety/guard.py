@@ -6,7 +6,8 @@ back, wait, then go on) for 7.8 s against the predicted obstacles and the occupi
 
 The plan with the least expected cost is walked: a part of it is the probability of contact with what may move, until
 the end of the plan and some steps of standing. Small risks are avoided where that is cheap, and somebody is given way
-before he is near. The probability of contact in the next seconds is bounded (`risk`). If the cheapest plan exceeds the
+before he is near. The probability of contact in the next seconds is bounded (`risk`): what the plan would bring, times
+the share that deciding anew at every step does not avoid. If the cheapest plan exceeds the
 bound, the cheapest of those that keep it is walked; where none does, the cheapest of the least dangerous. In both cases
 only if it is not more dangerous until its end: the bound alone would make the robot back away before somebody who is
 faster.
@@ -28,7 +29,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from mapping.grid.evidence import corner_m
-from perception.primitives.gaussian import Gaussian
+from perception.primitives.gaussian import Gaussian, deviation
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
@@ -38,7 +39,7 @@ from ..footsteps import footstep, half_a_step_on, limited_step
 from . import _guard_arguments as arguments
 from . import _guard_kernels as kernels
 from . import guard_settings as constants
-from .ahead import relative_sigma, stands_unseen
+from .ahead import stands_unseen
 from .guard_settings import GuardConfig as GuardConfig
 from .prediction import MotionPatterns
 from .risk import Risk
@@ -60,7 +61,7 @@ class Guard:
         self._last, self._last_s = WalkCommand(), -math.inf
         self._plans = _fixed_plans(config.steps, robot.gait)
         self.risk = 0.0
-        """Probability of contact with what may move, in the next `RISK_S` seconds on the plan chosen last."""
+        """Probability of contact with what may move in the next `RISK_S` seconds, if it goes on to decide at every step."""
         self.word = "guard"
         """Why another step than the desired one was chosen last: "guard", or "least risk" if no plan keeps the bound."""
         self.ahead = np.zeros((0, 3))
@@ -205,8 +206,10 @@ class _Scene:
     def risks(
         self, places: Float[np.ndarray, "c n 3"], to_the_end: bool = False
     ) -> Float[np.ndarray, "c"]:
-        """Probability of contact with what may move on every plan, in the time of the bound or until its end."""
-        return self._risk.of(places, self._robot, to_the_end)
+        """Probability of contact with what may move: in the time of the bound if the robot decides anew at every step, or
+        on the whole plan."""
+        found = self._risk.of(places, self._robot, to_the_end)
+        return found if to_the_end else constants.HAPPENS_SHARE * found
 
     def touches(self, places: Float[np.ndarray, "c n 3"]) -> Bool[np.ndarray, "c"]:
         """Whether every plan touches what stands in the time of the bound."""
@@ -278,7 +281,8 @@ def _cells(
     stands = [one for one in obstacles if stands_unseen(one, occupied)]
     places = np.concatenate([occupied, np.array([o.position for o in stands]).reshape(-1, 2)])
     near = np.array([model.radius_m + one.radius_m for one in stands])
-    sigma = np.array([relative_sigma(robot, one) for one in stands])
+    P = robot.covariance[:2, :2]
+    sigma = np.array([deviation(P + one.state.covariance[:2, :2]) for one in stands])
     margin = constants.STILL_MARGIN_M + np.minimum(sigma, constants.MOST_SIGMA_M)
     contact = np.full(len(occupied), model.breadth * constants.CELL_CONTACT_M)
     contact = np.concatenate([contact, near])

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from perception.primitives.gaussian import Gaussian
+from perception.primitives.gaussian import Gaussian, deviation
 from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
 
@@ -248,10 +248,7 @@ def _position_sigma(
     """Standard deviation of the relative position to add to S_oe, m."""
     if not config.uncertainty:
         return np.zeros(len(obstacles))
-    sigma = [
-        evaluations.deviation(o.state.covariance[:2, :2] + robot.covariance[:2, :2])
-        for o in obstacles
-    ]
+    sigma = [deviation(o.state.covariance[:2, :2] + robot.covariance[:2, :2]) for o in obstacles]
     return fields.SIGMAS * np.minimum(np.array(sigma).reshape(-1), fields.MAX_SIGMA_M)
 
 

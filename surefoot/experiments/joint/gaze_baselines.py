@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from perception.obstacles.tracker import TrackerConfig
+from perception.primitives.gaussian import deviation
 from perception.primitives.landmark import Landmark
 from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import RobotModel
 from planning.commands import GazeCommand
-from planning.gaze import evaluations
 from planning.gaze.attention import TAG_BEARING_RAD, TAG_RANGE_PER_M, TAG_REACH_M, GazeContext
 from planning.gaze.landmark_gain import gains
 from planning.gaze.policy import AHEAD, GazeConfig, MapGaze
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 DETECTION_M = 0.02  # standard deviation of a detection
 NEAR_M = 2.0  # movers within this distance count
 OBLIQUE_RAD = math.radians(65.0)  # greatest viewing angle at which a tag is decoded
-LOST_M = TrackerConfig().largest_sigma_m  # of a mover without a track
+LOST_M = 0.8  # deviation of a mover without a track; larger ones count as this
 
 
 class RandomGaze:
@@ -148,8 +147,8 @@ class OracleGaze(BaselineGaze):
             away = float(np.hypot(*(place - here)))
             clear = self._truth.free_m(true, place[None], without=k)[0] > away
             near = [o for o in obstacles if np.hypot(*(o.position - place)) < 3.0 * radius]
-            sigmas = [evaluations.deviation(o.state.covariance[:2, :2]) for o in near]
-            sigma = min(sigmas, default=LOST_M)
+            sigmas = [deviation(o.state.covariance[:2, :2]) for o in near]
+            sigma = min([*sigmas, LOST_M])
             reduced = max(sigma - DETECTION_M, 0.0) / LOST_M
             worth.append(reduced if clear and away < NEAR_M else 0.0)
         total += self.of_points(known, movers[:, :2], np.array(worth))

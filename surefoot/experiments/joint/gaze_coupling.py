@@ -18,8 +18,8 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.primitives import plugins
+from perception.primitives.gaussian import deviation
 from perception.primitives.pose import Pose2
-from planning.gaze import evaluations
 from planning.gaze.attention import sample_region
 from planning.gaze.policy import POLICIES
 from planning.planners.field_planner import FieldPlanner
@@ -40,6 +40,7 @@ from ..support.course_runner import course_config, published
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.geometric_perception import GeometricPerception
 from ..support.trials import run_trials
+from .gaze_baselines import LOST_M
 
 SCENE = "course"
 WALKER = "walker"  # seed 001's gaze and motion, `univector.mode` "seed"
@@ -138,19 +139,18 @@ def _measures(
     assert world.pose is not None
     assert perception.grid is not None
     assert perception.confidence is not None
-    lost = config.tracker.largest_sigma_m
     near, off = [], []
     for x, y, radius in perception.discs[:movers]:
         if math.hypot(x - true.x, y - true.y) > NEAR_M:
             continue
         tracks = [o for o in world.tracks if np.hypot(*(o.position - (x, y))) < 3.0 * radius]
-        sigmas = [evaluations.deviation(o.state.covariance[:2, :2]) for o in tracks]
-        near.append(min(sigmas, default=lost))
-        off.append(min((float(np.hypot(*(o.position - (x, y)))) for o in tracks), default=lost))
+        sigmas = [deviation(o.state.covariance[:2, :2]) for o in tracks]
+        near.append(min([*sigmas, LOST_M]))
+        off.append(min((float(np.hypot(*(o.position - (x, y)))) for o in tracks), default=LOST_M))
     region = config.gaze.map
     _, confidence = sample_region(perception.grid, perception.confidence, world.pose, region)
     return (
-        evaluations.deviation(world.pose.covariance[:2, :2]),
+        deviation(world.pose.covariance[:2, :2]),
         float(np.mean(near)) if near else math.nan,
         float(np.mean(confidence < config.confidence.stale_below)),
         math.hypot(*(world.pose.mean[:2] - (true.x, true.y))),

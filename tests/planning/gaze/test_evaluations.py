@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from perception.primitives.errors import ConfigError
+from perception.primitives.gaussian import deviation
 from planning.gaze.evaluations import (
     EvaluationConfig,
-    deviation,
     of_map,
     of_obstacles,
     of_self,
