@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import itertools
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -77,6 +78,10 @@ class Asker:
             InputError: The question is not one SELECT, or is wrong (the message lists the tables), or asks for too much,
                 or takes too long.
         """
+        if question.replace("-", "_").isidentifier() and question not in EXAMPLES:  # SQL has blanks
+            near = difflib.get_close_matches(question, EXAMPLES, 1)
+            hint = f"did you mean {near[0]!r}?" if near else f"known are: {', '.join(EXAMPLES)}"
+            raise InputError(f"query {question!r} is unknown; {hint}")
         sql = EXAMPLES[question].sql if question in EXAMPLES else question
         try:
             statements = self._database.extract_statements(sql)

@@ -121,6 +121,15 @@ def test_a_mistake_is_explained_with_all_tables_and_columns(many):
     assert surefoot("SELECT 1").exit_code == 2  # without runs
 
 
+def test_a_misspelt_name_is_answered_with_the_name_and_not_with_all_columns(many):
+    done = surefoot("worst-frame", many)
+    assert done.exit_code == 2
+    assert (
+        done.stderr.strip()
+        == "surefoot: query 'worst-frame' is unknown; did you mean 'worst-frames'?"
+    )
+
+
 def test_all_rows_go_to_csv_and_the_terminal_shows_the_first(many, tmp_path):
     file = tmp_path / "answer.csv"
     done = surefoot("SELECT i, 1 / i AS x, CAST(NULL AS DOUBLE) AS n FROM range(1, 301) AS t(i)", many, "--csv", file)  # fmt: skip
