@@ -182,8 +182,8 @@ def check_scale(where: Path, depth: Float32[np.ndarray, "h w"], read_as: str, ad
     if not low <= median_m <= high:
         raise RecordingError(
             f"{where}: half of the first depth image is {'nearer' if median_m < low else 'farther'} than "
-            f"{median_m:.3g} m {read_as}; {low:g} to {high:g} m were expected. {advice}, or, if the scene is that near or "
-            f"far, say so in a {DESCRIPTION_FILE}: scale_checked = true"
+            f"{float(f'{median_m:.3g}'):g} m {read_as}; {low:g} to {high:g} m were expected. "
+            f"{advice}, or, if the scene is that near or far, say so in a {DESCRIPTION_FILE}: scale_checked = true"
         )
 
 
@@ -201,8 +201,8 @@ def check_suffixes(*folders: Path) -> None:
     unread = next((one for one in inside if one.suffix.lower() in _UNREAD), None)
     if unread is not None:
         raise RecordingError(
-            f"{unread}: depth images of kind {unread.suffix} are not read; expected one of "
-            f"{', '.join(IMAGE_SUFFIXES)}: save them as PNG of 16 bits, in millimetres, 0 without depth"
+            f"{unread}: depth images of kind {unread.suffix} are not read; "
+            "save them as PNG of 16 bits, in millimetres, 0 without depth"
         )
 
 

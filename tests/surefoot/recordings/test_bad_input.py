@@ -218,7 +218,9 @@ def test_poses_are_found_by_the_number_of_an_image_if_images_are_missing(redwood
     assert [pose.translation[0] for pose in poses if pose is not None] == [0.0, 2.0]
 
 
-@pytest.mark.parametrize(("scale", "word"), [(10, "farther"), (100_000, "nearer")])
+@pytest.mark.parametrize(
+    ("scale", "word"), [(10, "farther"), (1, r"farther than \d{4}"), (100_000, "nearer")]
+)
 def test_an_implausible_depth_is_asked_about(plain, scale, word):
     text = (plain / "recording.toml").read_text()
     assert "scale_per_metre = 1000" in text
@@ -448,6 +450,6 @@ def test_kinds_of_depth_images_that_are_not_read_are_named(plain, suffix, descri
         image.rename(image.with_suffix(suffix))
     if not described:
         (plain / "recording.toml").unlink()
-    words = rf"0\{suffix}: depth images of kind \{suffix} are not read; expected one of .png"
+    words = rf"0\{suffix}: depth images of kind \{suffix} are not read; save them as PNG of 16 bits"
     with pytest.raises(RecordingError, match=words):
         open_recording(plain)
