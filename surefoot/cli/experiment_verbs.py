@@ -16,7 +16,7 @@ from .terminal import FAILED, progress
 
 
 @click.command()
-@click.argument("identity", metavar="ID", required=False)
+@click.argument("identity", metavar="[ID]", required=False)
 @click.option("--seeds", type=click.IntRange(min=1), help="Number of random worlds.")
 @click.option(
     "--body",

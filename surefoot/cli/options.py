@@ -60,7 +60,9 @@ MOST_SHOWN = 300  # letters of a path in a message
 PATH = Place()
 READER = "surefoot.reader"
 
-out_option = click.option("--out", type=PATH, help="Output folder; default runs/NAME-N.")
+out_option = click.option(
+    "--out", type=PATH, help="Output folder, default runs/NAME-N; an older run there is replaced."
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 set_option = click.option(
     "--set",
