@@ -1,6 +1,6 @@
 """A planner of your own: straight to the goal, standing still while something is in the way.
 
-surefoot simulate empty_room --planner examples.my_planner:WalkStraight    # arrives after 50 s
+surefoot simulate empty_room --planner examples.my_planner:WalkStraight    # arrives after a minute
 surefoot simulate boxes --planner examples.my_planner:WalkStraight         # stands before a box: "blocked"
 surefoot experiment INT-4 --seeds 4 --planner examples.my_planner:WalkStraight
 """
