@@ -16,6 +16,7 @@ import numpy as np
 from ..primitives.errors import ConfigError
 from ..primitives.frame import Depth, DepthView
 from ..primitives.settings import setting
+from .flying import flying
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class StructuredLightConfig:
 
 
 def depth(view: DepthView, config: StructuredLightConfig | None = None) -> Depth:
-    """Depth with its standard deviation.
+    """Depth with its standard deviation, without flying pixels.
 
     Args:
         view: Depth along the optical axis, m; NaN, zero, negative and infinite values mean no depth.
@@ -59,4 +60,6 @@ def depth(view: DepthView, config: StructuredLightConfig | None = None) -> Depth
         z = np.where((view.depth > 0.0) & np.isfinite(view.depth), view.depth, np.float32(np.nan))
     beyond = z - np.float32(config.start_m)
     sigma = np.float32(config.floor_m) + np.float32(config.growth_per_m) * beyond * beyond
+    false = flying(z, sigma, view.camera)
+    z[false] = sigma[false] = np.nan
     return Depth(z, sigma, view.camera, view.T_body_camera)

@@ -1,10 +1,6 @@
 """Time of flight: range along the ray to depth, with a noise model and rejection of false pixels.
 
-A pixel on an object's edge mixes light from the object and from behind it and reports a range in between, where
-there is no surface. Such a flying pixel lies between two opposite neighbours that are far apart, and away
-from both. A surface at grazing incidence looks similar, so the jump must exceed that of any usable floor.
-
-Source: Kang et al. 2013 (seed 004), section 4 (SR-4000: 4 mm at 1.3 m); amplitude law and rejection ours.
+Source: Kang et al. 2013 (seed 004), section 4 (SR-4000: 4 mm at 1.3 m); amplitude law ours.
 """
 
 from __future__ import annotations
@@ -14,19 +10,16 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Float32
 
-from ..primitives.camera import Camera
 from ..primitives.errors import ConfigError
 from ..primitives.frame import Depth, RangeView
 from ..primitives.settings import setting
+from .flying import flying
 from .phase_unwrapping import wrapped
 
 SIGMA_AT_M = 1.3  # range at which `sigma_m` holds: the published SR-4000 test
 LEAST_AMPLITUDE = 0.03  # ours: a weaker return has no range; share of white_amplitude
-GRAZE_DEG = 3.0
-"""Ours: surfaces seen at a smaller angle count as edges; a camera 0.4 m high sees the floor at 3 m at 7.6 deg."""
-OFF_SIGMAS = 3.0  # ours: distance of a flying pixel from both of its neighbours
 
 
 @dataclass(frozen=True)
@@ -161,28 +154,3 @@ def range_sigma(
         A = np.maximum(amplitude / np.float32(config.white_amplitude), np.float32(1e-3))
         temporal = scale * np.sqrt(A + np.float32(0.1)) / A
     return np.sqrt(temporal**2 + config.fixed_m**2).astype(np.float32)
-
-
-def flying(
-    range_m: Float32[np.ndarray, "h w"],
-    sigma_m: Float32[np.ndarray, "h w"],
-    camera: Camera,
-) -> Bool[np.ndarray, "h w"]:
-    """Pixels between two opposite neighbours that are far apart, and away from both."""
-    found = np.zeros(range_m.shape, dtype=bool)
-    middle = range_m[1:-1, 1:-1]
-    off = OFF_SIGMAS * sigma_m[1:-1, 1:-1]
-    steep = 2.0 / math.tan(math.radians(GRAZE_DEG))
-    pitches = (1.0 / camera.fx, 1.0 / camera.fy, math.hypot(1.0 / camera.fx, 1.0 / camera.fy))
-    pairs = (
-        (range_m[1:-1, :-2], range_m[1:-1, 2:], pitches[0]),
-        (range_m[:-2, 1:-1], range_m[2:, 1:-1], pitches[1]),
-        (range_m[:-2, :-2], range_m[2:, 2:], pitches[2]),
-        (range_m[:-2, 2:], range_m[2:, :-2], pitches[2]),
-    )
-    with np.errstate(invalid="ignore"):
-        for one, other, pitch in pairs:
-            near, far = np.minimum(one, other), np.maximum(one, other)
-            jump = far - near > np.float32(steep * pitch) * near
-            found[1:-1, 1:-1] |= jump & (middle > near + off) & (middle < far - off)
-    return found

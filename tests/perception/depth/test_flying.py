@@ -1,0 +1,63 @@
+"""Flying pixels: bands between two surfaces are found; edges, poles, grazing floors and gaps are kept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from perception.depth import structured_light
+from perception.depth.flying import flying
+from perception.primitives.camera import Camera
+from perception.primitives.frame import DepthView
+
+CAMERA = Camera(320, 240, 262.0, 262.0, 159.5, 119.5)
+SIGMA_M = 0.003
+
+
+def box_before_a_wall(rng, band_px):
+    """Depth of a box before a wall with a band of mixed pixels round it, and which pixels are mixed."""
+    z = np.full((240, 320), 2.2)
+    z[80:180, 100:200] = 1.0
+    mixed = np.zeros(z.shape, bool)
+    mixed[80 - band_px : 180 + band_px, 100 - band_px : 200 + band_px] = True
+    mixed[80:180, 100:200] = False
+    z[mixed] = rng.uniform(1.05, 2.15, mixed.sum())
+    return z + rng.normal(0.0, SIGMA_M, z.shape), mixed
+
+
+def found_in(z):
+    z = z.astype(np.float32)
+    return flying(z, np.full(z.shape, SIGMA_M, np.float32), CAMERA)
+
+
+@pytest.mark.parametrize(("band_px", "share"), [(1, 0.97), (2, 0.9)])
+def test_a_band_of_mixed_pixels_is_found_and_no_other(band_px, share):
+    z, mixed = box_before_a_wall(np.random.default_rng(band_px), band_px)
+    found = found_in(z)
+    assert np.mean(found[mixed]) > share
+    assert np.mean(found[~mixed]) < 1e-3  # noise beyond 3 sigma beside the band
+
+
+def test_edges_thin_poles_and_pixels_without_depth_are_kept():
+    z = np.full((240, 320), 2.2)
+    z[:, 100:160] = 1.0  # a sharp edge
+    z[:, 220] = 1.0
+    z[:, 260:262] = 1.5  # poles of one and two pixels
+    z[50:60, 98:102] = np.nan
+    assert not found_in(z).any()
+
+
+def test_a_grazing_floor_is_kept():
+    down = (np.arange(240) - CAMERA.cy) / CAMERA.fy
+    below = np.sin(np.radians(20.0)) + down * np.cos(np.radians(20.0))
+    z = np.where(below > 0.0, 0.4 / np.maximum(below, 1e-9), np.nan)
+    z = np.where(z < 3.0, z, np.nan)
+    assert not found_in(np.tile(z[:, None], (1, 320))).any()
+
+
+def test_depth_images_have_no_flying_pixels():
+    z, mixed = box_before_a_wall(np.random.default_rng(3), 1)
+    seen = structured_light.depth(DepthView(z.astype(np.float32), CAMERA))
+    assert np.mean(np.isnan(seen.z[mixed])) > 0.9
+    assert np.mean(np.isfinite(seen.z[~mixed])) > 0.998  # the noise is larger than the model of this sensor
+    np.testing.assert_array_equal(np.isfinite(seen.z), np.isfinite(seen.sigma))
