@@ -43,6 +43,9 @@ PLANES = 4  # ours: planes tried one after the other: ramp, landing, table, floo
 LEAST_CORE = 0.45  # ours: of a plane's points; noise of thrice the model leaves .49, ramps through stairs .32-.41
 FLANK = 0.5  # ours: what a point on the flanks costs once stairs are suspected; a ramp then scores below zero
 CONFIDENCE = 0.999  # ours: of the chi-square test against the prior
+DOUBT = 2.0
+"""Ours: squared distance from the prior, in standard deviations, beyond which other planes are tried; one that is nearer by
+as much, a factor e of likelihood, is the floor. A ramp ahead fills more of the image than the floor before it."""
 
 
 @dataclass(frozen=True)
@@ -117,36 +120,52 @@ def find(
         return None if printed is None else _floor(printed, printed.plane)
     searched = gate(prior, GATE_SIGMAS, math.radians(MOST_TILT_DEG), LEAST_HEIGHT_M)
     sample = draw(points, prior, searched, rng, config.sample)
-    flank = 0.0
+    best: Floor | None = None
+    flank, nearest = 0.0, math.inf
     for _ in range(PLANES):
         if sample.size < 3:
-            return None
+            break
         if config.method == "hough":
             start = hough.propose(sample, searched, rng, config.hough, config.sample, flank)
         else:
             start = ransac.propose(sample, searched, rng, config.sample, flank)
         if start is None:
-            return None
-        fit = _fitted(points, start, prior, config, sensor)
+            break
+        fit = _fitted(points, start, prior, config, sensor, doubted=best is not None)
         explained = fit is not None and explains(points, fit, config)
-        floor = _verified(fit, prior) if fit is not None and explained else None
-        if floor is not None:
-            return floor
-        if fit is not None and not explained and flank == 0.0:
-            flank = FLANK  # stairs: again, for one of their treads
+        found = _verified(fit, prior) if fit is not None and explained else None
+        if found is not None and (best is None or _is_nearer(*found, nearest)):
+            best, nearest = found
+        if nearest <= DOUBT:
+            break
+        folded = fit is not None and (
+            not explained or (found is not None and fit.core_share < LEAST_CORE)
+        )
+        if folded and flank == 0.0:
+            flank = FLANK  # stairs, or floor and ramp as one plane: again, for one of them
         else:
             sample = sample.without(start, config.sample)
-    return None
+    return best
+
+
+def _is_nearer(floor: Floor, distance: float, nearest: float) -> bool:
+    """Whether the prior clearly prefers a plane to the one found before it."""
+    return floor.share >= LEAST_SHARE and distance < nearest - DOUBT
 
 
 def _fitted(
-    points: Points, start: Plane, prior: Plane, config: FloorConfig, sensor: str | None
+    points: Points,
+    start: Plane,
+    prior: Plane,
+    config: FloorConfig,
+    sensor: str | None,
+    doubted: bool,
 ) -> Fit | None:
-    """The plane fitted to all points."""
+    """The plane fitted to all points; in narrow bands if the prior is precise, or doubts the plane found before."""
     tilt_sigma_rad = math.sqrt(float(np.linalg.eigvalsh(prior.covariance[:2, :2])[-1]))
-    settle = _is_height_known(prior) and tilt_sigma_rad <= math.radians(KNOWN_TILT_DEG)
+    precise = _is_height_known(prior) and tilt_sigma_rad <= math.radians(KNOWN_TILT_DEG)
     distortion = config.distortion.of(sensor)
-    return refine(points, start, config.sample, config.refine, distortion, settle)
+    return refine(points, start, config.sample, config.refine, distortion, precise or doubted)
 
 
 def explains(points: Points, fit: Fit, config: FloorConfig) -> bool:
@@ -156,15 +175,15 @@ def explains(points: Points, fit: Fit, config: FloorConfig) -> bool:
     return core_without_bend(points, fit.among_points, config.sample) >= LEAST_CORE
 
 
-def _verified(fit: Fit, prior: Plane) -> Floor | None:
-    """The floor, if the fitted plane is one and agrees with the prior."""
+def _verified(fit: Fit, prior: Plane) -> tuple[Floor, float] | None:
+    """The floor and its squared distance from the prior, if the fitted plane is one and agrees with it."""
     if not _is_floor(fit, prior):
         return None
     plane, distance = fuse(fit.plane, prior)
     if distance > 2.0 * float(gammaincinv(1.5, CONFIDENCE)):  # chi-square, 3
         return None
     doubted = mixed(plane, prior, min(1.0, fit.share / LEAST_SHARE))
-    return _floor(fit, doubted)
+    return _floor(fit, doubted), distance
 
 
 def _floor(fit: Fit, plane: Plane) -> Floor:

@@ -231,6 +231,26 @@ def test_the_second_plane_is_taken_if_the_first_is_not_a_floor(look):
     assert abs(found.plane.offset_m - 0.6) < 0.01
 
 
+@pytest.mark.parametrize("ramp_deg", [8.0, 10.0, 12.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_floor_before_a_ramp_is_chosen_and_not_the_larger_ramp(look, ramp_deg, seed):
+    room = look(seed, height_m=1.0, pitch_deg=35.0, reach_m=4.0)
+    T, slope = room.T_body_camera, np.tan(np.radians(ramp_deg))
+    rays = (room.points.xyz / room.points.xyz[:, 2:]) @ T.rotation.T
+    floor = -T.position[2] / rays[:, 2]
+    ramp = (slope * (T.position[0] - 1.2) - T.position[2]) / (rays[:, 2] - slope * rays[:, 0])
+    z = np.where(ramp > 0.0, np.minimum(floor, ramp), floor)
+    rng = np.random.default_rng([seed, 7])
+    z = z + room.points.sigma * rng.normal(size=len(z))
+    points = Points(rays @ T.rotation * z[:, None], room.points.sigma, room.points.pixels)
+    found = find(points, handheld_prior(room.floor.normal), rng)
+    e = found.plane.error_to(room.floor)
+    assert float(e @ np.linalg.solve(found.plane.covariance, e)) < stats.chi2.ppf(0.999, 3)
+    assert (
+        found.plane.angle_to(room.floor) < np.radians(ramp_deg) / 2.0
+    )  # nearer to it than to the ramp
+
+
 @pytest.mark.parametrize("sensor", ["tof", "stereo", "depth"])
 def test_the_covariance_covers_a_random_bend_of_each_sensor(look, sensor):
     distortion = FloorConfig().distortion.of(sensor)
