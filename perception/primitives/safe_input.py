@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import io
 import json as _json
+import math
 import stat
+import struct
 import tomllib
 import zipfile
 import zlib
@@ -26,6 +28,10 @@ MOST_PIXELS = 100_000_000  # of a picture
 MOST_DIGITS = 18  # of an integer; 64 bits hold them
 _LARGEST = 10**MOST_DIGITS
 _PNG = b"\x89PNG\r\n\x1a\n"
+_NPY = b"\x93NUMPY"
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # of both orders of bytes; + is BigTIFF
+_TIFF_WIDTH, _TIFF_HEIGHT = 256, 257  # tags
+_TIFF_TYPES = {1: "B", 6: "B", 3: "H", 8: "H", 4: "I", 9: "I", 16: "Q", 17: "Q"}  # integers
 _JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # markers that hold width and height
 
 
@@ -172,6 +178,40 @@ def arrays(path: str | Path) -> dict[str, Shaped[np.ndarray, "..."]]:
         raise UnreadableError(f"is damaged, or no .npz of NumPy ({error})") from error
 
 
+def is_array(content: bytes) -> bool:
+    """Whether the content of a file begins as one array of NumPy (.npy)."""
+    return content.startswith(_NPY)
+
+
+def array(content: bytes) -> Shaped[np.ndarray, "..."]:
+    """The array of a file of NumPy (.npy), given the content of the file.
+
+    Raises:
+        UnreadableError: It is damaged, holds objects, or not as many bytes as its header says; the header is read
+            before the numbers.
+    """
+    file = io.BytesIO(content)
+    try:
+        version = np.lib.format.read_magic(file)
+        read = np.lib.format.read_array_header_1_0
+        if version != (1, 0):
+            read = np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(file)
+        if dtype.hasobject:
+            raise UnreadableError("holds Python objects, not numbers")
+        said, held = math.prod(shape) * dtype.itemsize, len(content) - file.tell()
+        if min(shape, default=0) < 0 or said != held:
+            raise UnreadableError(
+                f"holds {held} bytes of numbers; its header says {said}, of shape {shape} and type {dtype}"
+            )
+        file.seek(0)
+        return np.asarray(np.load(file, allow_pickle=False))
+    except UnreadableError:
+        raise
+    except Exception as error:  # NumPy raises many types for a damaged header
+        raise UnreadableError("is damaged, or no .npy of NumPy") from error
+
+
 def picture(content: bytes, flags: int) -> Shaped[np.ndarray, "..."]:
     """A picture in any format of OpenCV.
 
@@ -195,9 +235,11 @@ def picture(content: bytes, flags: int) -> Shaped[np.ndarray, "..."]:
 
 
 def picture_size(content: bytes) -> tuple[int, int] | None:
-    """Width and height by the header of a PNG or JPEG; None for other formats, which OpenCV limits."""
+    """Width and height by the header of a PNG, JPEG or TIFF; None for other formats, which OpenCV limits."""
     if content.startswith(_PNG) and len(content) >= 24:
         return int.from_bytes(content[16:20], "big"), int.from_bytes(content[20:24], "big")
+    if content.startswith(_TIFF):
+        return _tiff_size(content)
     if not content.startswith(b"\xff\xd8"):
         return None
     place = 2
@@ -207,3 +249,22 @@ def picture_size(content: bytes) -> tuple[int, int] | None:
             return int.from_bytes(width, "big"), int.from_bytes(height, "big")
         place += 2 + int.from_bytes(content[place + 2 : place + 4], "big")
     return None
+
+
+def _tiff_size(content: bytes) -> tuple[int, int] | None:
+    """By the first directory, whose entries are tag, type, count and value. Source: TIFF 6.0, section 2; BigTIFF."""
+    order, big = "<" if content.startswith(b"I") else ">", b"+" in content[2:4]
+    offset, number, entry, value = ("Q", "Q", 20, 12) if big else ("I", "H", 12, 8)
+    sizes = {_TIFF_WIDTH: 0, _TIFF_HEIGHT: 0}
+    try:
+        (place,) = struct.unpack_from(order + offset, content, value - 4)
+        (count,) = struct.unpack_from(order + number, content, place)
+        place += struct.calcsize(order + number)
+        for start in range(place, min(place + count * entry, len(content)), entry):
+            tag, kind = struct.unpack_from(order + "HH", content, start)
+            if tag in sizes and kind in _TIFF_TYPES:
+                (size,) = struct.unpack_from(order + _TIFF_TYPES[kind], content, start + value)
+                sizes[tag] = max(sizes[tag], size)
+    except (struct.error, OverflowError):  # the file ends before; OpenCV refuses it
+        return None
+    return sizes[_TIFF_WIDTH], sizes[_TIFF_HEIGHT]

@@ -40,7 +40,7 @@ cy = 239.5
 distortion = [0, 0, 0, 0, 0]  # k1, k2, p1, p2, k3, and k4, k5, k6 of a rational lens; optional
 [depth]
 folder = "depth"            # optional, as is pattern = "*.png"
-scale_per_metre = 1000      # 1000: millimetres, 5000: TUM
+scale_per_metre = 1000      # 1000: millimetres, 5000: TUM, 1: metres as floats
 none = [0, 65535]           # values of pixels without depth
 encoding = "depth"          # optional; "rotated": SUN RGB-D, "kinect-disparity": raw values of the first Kinect
 [colour]                    # optional
@@ -331,7 +331,8 @@ class _Reader:
             return DepthUnit(1.0, (), "kinect-disparity")
         if scale is None:
             raise RecordingError(
-                f"{self._path}: depth.scale_per_metre is missing; 1000 for millimetres, 5000 for TUM"
+                f"{self._path}: depth.scale_per_metre is missing; 1000 for millimetres, 5000 for TUM, 1 for "
+                "metres as floats"
             )
         if "none" not in table:
             raise RecordingError(

@@ -17,7 +17,7 @@ from perception.primitives.errors import ConfigError, RecordingError
 from perception.primitives.frame import ColourView, DepthView, Frame
 from perception.primitives.pose import Pose3
 
-from .images import DepthUnit, plausible, read_colour, read_depth
+from .images import DEPTH_ADVICE, DepthUnit, plausible, read_colour, read_depth
 from .recording import (
     DESCRIPTION_FILE,
     FrameError,
@@ -28,7 +28,7 @@ from .recording import (
 )
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".ppm", ".bmp")
-_UNREAD = (".exr", ".npy", ".npz", ".pfm", ".hdr", ".raw", ".bin", ".dpt")
+_UNREAD = (".exr", ".npz", ".pfm", ".hdr", ".raw", ".bin", ".dpt")
 KINECT_HZ = 30.0  # of Kinect, Xtion and rendered data sets, for layouts without stamps
 AHEAD = 2  # ours: frames that a second thread decodes meanwhile
 PLAUSIBLE_M = (0.1, 20.0)  # ours: a median depth outside means a wrong depth scale, or no room
@@ -137,7 +137,8 @@ class FolderRecording:
                     self._path,
                     frame.depth.depth,
                     f"at {self._unit.per_metre:g} units per metre",
-                    f"Give the right scale ([depth] scale_per_metre in a {DESCRIPTION_FILE})",
+                    f"Give the right scale ([depth] scale_per_metre in a {DESCRIPTION_FILE}; 1 for metres, 1000 for "
+                    "millimetres)",
                 )
             skips.note(frame.stamp_s)
             yield frame
@@ -189,9 +190,18 @@ def check_scale(where: Path, depth: Float32[np.ndarray, "h w"], read_as: str, ad
 
 def pictures(folder: Path, pattern: str = "*") -> list[Path]:
     """Image files of a folder in order of their numbers (9 before 10); empty without images."""
+    return _files(folder, pattern, IMAGE_SUFFIXES)
+
+
+def depth_images(folder: Path, pattern: str = "*") -> list[Path]:
+    """As `pictures`; in a folder without images, its arrays of NumPy."""
+    return pictures(folder, pattern) or _files(folder, pattern, (".npy",))
+
+
+def _files(folder: Path, pattern: str, suffixes: tuple[str, ...]) -> list[Path]:
     if not folder.is_dir():
         return []
-    found = [p for p in folder.glob(pattern) if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file()]
+    found = [p for p in folder.glob(pattern) if p.suffix.lower() in suffixes and p.is_file()]
     return sorted(found, key=_natural)
 
 
@@ -201,8 +211,7 @@ def check_suffixes(*folders: Path) -> None:
     unread = next((one for one in inside if one.suffix.lower() in _UNREAD), None)
     if unread is not None:
         raise RecordingError(
-            f"{unread}: depth images of kind {unread.suffix} are not read; "
-            "save them as PNG of 16 bits, in millimetres, 0 without depth"
+            f"{unread}: depth images of kind {unread.suffix} are not read; {DEPTH_ADVICE}"
         )
 
 

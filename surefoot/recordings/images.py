@@ -14,7 +14,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, UInt8, UInt16
+from jaxtyping import Float, Float32, UInt8, UInt16
 
 from perception.primitives import safe_input
 from perception.primitives.camera import Camera
@@ -24,8 +24,13 @@ from perception.primitives.safe_input import MissingError, UnreadableError
 from .codec import metres
 from .recording import DESCRIPTION_FILE, FrameError
 
+DEPTH_ADVICE = (
+    "save depth as PNG of 16 bits, in millimetres, 0 without depth; or as TIFF or .npy of float32, in metres, with "
+    "scale_per_metre = 1"
+)
 ENCODINGS = ("depth", "rotated", "kinect-disparity")
 UNSTATED = ""
+_CODED = ENCODINGS[1:]
 PLAUSIBLE_WIDTHS = (0.08, 50.0)  # ours: focal length of a view of 161 deg and of 1.1 deg
 _ROTATED_BITS = 3
 _DISPARITY_NONE = 2047
@@ -89,17 +94,24 @@ def plausible(camera: Camera) -> Camera:
 def read_depth(path: Path, camera: Camera, unit: DepthUnit) -> Float32[np.ndarray, "h w"]:
     """Read a depth image, m; NaN without depth.
 
+    Of floats, whatever is not positive and finite means no depth.
+
     Raises:
         FrameError: The file is missing, truncated, of another type or size, or has no valid pixel.
     """
     image = _read("depth", path, cv2.IMREAD_UNCHANGED)
-    if image.ndim != 2 or image.dtype != np.uint16:
+    kinds = (np.uint16,) if unit.encoding in _CODED else (np.uint16, np.float32, np.float64)
+    if image.ndim != 2 or image.dtype not in kinds:
         channels = 1 if image.ndim == 2 else image.shape[2]
+        expected = "uint16" if unit.encoding in _CODED else "uint16, float32 or float64"
+        advice = "an 8-bit picture has no depth" if image.dtype == np.uint8 else DEPTH_ADVICE
         raise FrameError(
-            f"depth image has {channels} channel{'s' * (channels > 1)} of {image.dtype}; one channel "
-            f"of uint16 was expected ({_advice(image)})"
+            f"depth image has {channels} channel{'s' * (channels != 1)} of {image.dtype}; one channel "
+            f"of {expected} was expected ({advice})"
         )
     _check_size("depth", image, camera)
+    if image.dtype != np.uint16:
+        return _of_floats(image, unit)
     none = tuple(dict.fromkeys((*unit.none, _FULL)))
     if unit.encoding == "kinect-disparity":
         depth = _of_disparity(image)
@@ -115,10 +127,14 @@ def read_depth(path: Path, camera: Camera, unit: DepthUnit) -> Float32[np.ndarra
     return depth
 
 
-def _advice(image: np.ndarray) -> str:
-    if image.dtype.kind == "f":
-        return "save depth as PNG of 16 bits, in millimetres, 0 without depth"
-    return "an 8-bit picture has no depth"
+def _of_floats(image: Float[np.ndarray, "h w"], unit: DepthUnit) -> Float32[np.ndarray, "h w"]:
+    """Depth of floats, m."""
+    with np.errstate(all="ignore"):
+        depth = (image / np.float64(unit.per_metre)).astype(np.float32)
+    depth[~np.isfinite(depth) | (depth <= 0.0) | np.isin(image, unit.none)] = np.nan
+    if not np.isfinite(depth).any():
+        raise FrameError("depth image has no valid pixel: no value is positive and finite")
+    return depth
 
 
 def _rotated_back(image: UInt16[np.ndarray, "h w"]) -> UInt16[np.ndarray, "h w"]:
@@ -183,9 +199,22 @@ def _read(what: str, path: Path, flags: int) -> np.ndarray:
     if cut_png or cut_jpeg:  # checked here, because the decoders of OpenCV write to standard error
         raise FrameError(f"{what} image is truncated")
     try:
+        if what == "depth" and safe_input.is_array(data):
+            return _plane(safe_input.array(data))
         return safe_input.picture(data, flags)
     except UnreadableError as error:
         raise FrameError(f"{what} image {error}") from error
+
+
+def _plane(array: np.ndarray) -> np.ndarray:
+    """An array of rows and columns, or rows, columns and channels, as OpenCV would give it."""
+    if array.ndim == 3 and array.shape[2] == 1:
+        array = array[:, :, 0]
+    if array.ndim not in (2, 3):
+        raise FrameError(
+            f"depth image is an array of shape {array.shape}; (height, width) was expected"
+        )
+    return np.ascontiguousarray(array, array.dtype.newbyteorder("="))
 
 
 def _check_size(what: str, image: np.ndarray, camera: Camera) -> None:

@@ -11,7 +11,7 @@ from perception.primitives.errors import InputError, RecordingError
 from .checked import CheckedRecording, OwnRecording
 from .description import Description, read_description
 from .euroc import is_euroc, open_euroc
-from .folder import check_suffixes, pictures
+from .folder import check_suffixes, depth_images
 from .icl_nuim import is_icl_nuim, open_icl_nuim
 from .mcap_format import McapRecording
 from .pcd import PcdRecording
@@ -137,7 +137,7 @@ def _nothing_known(path: Path) -> RecordingError:
         )
     if has_pairs(path):
         return without_calibration(path)
-    found = pictures(path / "depth") or pictures(path)
+    found = depth_images(path / "depth") or depth_images(path)
     if found:
         return needs_description(path, found)
     check_suffixes(path, path / "depth")

@@ -14,7 +14,15 @@ from perception.primitives.errors import RecordingError
 from perception.primitives.pose import Pose3
 
 from .description import EXAMPLE, Description
-from .folder import FolderRecording, FrameFiles, check_suffixes, is_stamp, pair, pictures
+from .folder import (
+    FolderRecording,
+    FrameFiles,
+    check_suffixes,
+    depth_images,
+    is_stamp,
+    pair,
+    pictures,
+)
 from .poses import ASSOCIATION_S, associate, mirrored, numbers, pose_of_row, read_lines, read_tum
 from .recording import RecordingInfo
 
@@ -91,7 +99,7 @@ def needs_description(path: Path, found: list[Path]) -> RecordingError:
 def _depths(path: Path, description: Description) -> list[Path]:
     folders = _DEPTH_FOLDERS if description.depth_folder is None else (description.depth_folder,)
     for name in folders:
-        found = pictures(path / name, description.depth_pattern)
+        found = depth_images(path / name, description.depth_pattern)
         if found:
             return found
     check_suffixes(*(path / name for name in folders))

@@ -32,6 +32,7 @@ from .folder import (
     FolderRecording,
     FrameFiles,
     camera_of,
+    depth_images,
     pair,
     pictures,
     pose_lines,
@@ -62,7 +63,7 @@ def open_redwood(path: Path, description: Description | None = None) -> FolderRe
     camera, unit = _intrinsics_of_depth(path)
     if description is not None and description.camera is not None:
         camera = description.camera
-    depths = pictures(path / "depth")
+    depths = depth_images(path / "depth")
     colours = next((found for name in _COLOUR_FOLDERS if (found := pictures(path / name))), [])
     remarks: list[str] = []
     matches = pair(depths, colours, path, remarks)

@@ -21,7 +21,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
 
 from .description import EXAMPLE, Description, known_layout
-from .folder import FolderRecording, FrameFiles, is_stamp, pair, pictures, pose_lines
+from .folder import FolderRecording, FrameFiles, depth_images, is_stamp, pair, pictures, pose_lines
 from .images import DepthUnit
 from .poses import ASSOCIATION_S, associate, pose_of_row, read_lines, read_tum
 from .recording import RecordingInfo
@@ -49,7 +49,7 @@ def open_tum(path: Path, description: Description | None = None) -> FolderRecord
     """
     remarks: list[str] = []
     camera = _camera(path, description, remarks)
-    timed = (path / "depth.txt").is_file() or all(is_stamp(p) for p in pictures(path / "depth"))
+    timed = (path / "depth.txt").is_file() or all(is_stamp(p) for p in depth_images(path / "depth"))
     files = _timed(path, remarks) if timed else _counted(path, remarks)
     info = RecordingInfo(
         name=path.resolve().name,
@@ -112,7 +112,7 @@ def _timed(path: Path, remarks: list[str]) -> list[FrameFiles]:
 def _with_stamps(path: Path, kind: str) -> tuple[np.ndarray, list[Path]]:
     if (path / f"{kind}.txt").is_file():
         return _list(path / f"{kind}.txt")
-    files = [file for file in pictures(path / kind) if is_stamp(file)]
+    files = [file for file in depth_images(path / kind) if is_stamp(file)]
     return np.array([float(file.stem) for file in files]), files
 
 
@@ -139,7 +139,7 @@ def _remark_unmatched(matches: np.ndarray, what: str, remarks: list[str]) -> Non
 
 def _counted(path: Path, remarks: list[str]) -> list[FrameFiles]:
     """Frames of the thinned layout: line K of the poses is image K."""
-    depths = pictures(path / "depth")
+    depths = depth_images(path / "depth")
     colours = pair(depths, pictures(path / "rgb"), path, remarks)
     stamps, rows = read_tum(path / "groundtruth.txt")
     lines = pose_lines(depths, len(rows), path / "groundtruth.txt", stamps.tolist())

@@ -102,6 +102,17 @@ def plain(folder: Path) -> None:
     (folder / "poses.txt").write_text("".join(POSES.splitlines(keepends=True)[:2]))
 
 
+def floats(folder: Path) -> None:
+    """Depth images of floats: TIFF and arrays of NumPy."""
+    metres = np.linspace(1.0, 2.0, WIDTH * HEIGHT, dtype=np.float32).reshape(HEIGHT, WIDTH)
+    for kind in ("tiff", "npy"):
+        (folder / kind / "depth").mkdir(parents=True)
+        (folder / kind / "recording.toml").write_text(PLAIN.replace("= 1000", "= 1"))
+    for k in range(2):
+        picture(folder / f"tiff/depth/{k}.tiff", metres)
+        np.save(folder / f"npy/depth/{k}.npy", metres)
+
+
 def icl(folder: Path) -> None:
     """As ICL-NUIM."""
     lines = []
@@ -290,6 +301,7 @@ DOORS = {
     "redwood": Door(redwood, frames),
     "replica": Door(replica, frames),
     "plain": Door(plain, frames),
+    "floats": Door(floats, frames_of_each("*")),
     "icl": Door(icl, frames),
     "euroc": Door(euroc, frames),
     "stereo": Door(stereo, frames_of_each("*")),

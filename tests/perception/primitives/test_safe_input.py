@@ -125,6 +125,40 @@ def test_the_size_of_a_picture_is_looked_at_before_its_pixels():
         safe_input.picture(b"", cv2.IMREAD_COLOR)
 
 
+def tiff_header(order, big, kind, width, height):
+    """The first directory of a TIFF, after TIFF 6.0 and BigTIFF, without pixels."""
+    offset, count, value = ("Q", "Q", "Q") if big else ("I", "H", "I")
+    size = {"B": 1, "H": 2, "I": 4, "Q": 8}
+    code = {"H": 3, "I": 4, "Q": 16}[kind]
+    start = struct.pack(order + "HHH", 43, 8, 0) if big else struct.pack(order + "H", 42)
+    place = 16 if big else 8
+    entries = b"".join(
+        struct.pack(order + "HH" + value + kind, tag, code, 1, number).ljust(
+            4 + 2 * size[value], b"\0"
+        )
+        for tag, number in ((254, 0), (256, width), (257, height))
+    )
+    head = {"<": b"II", ">": b"MM"}[order] + start + struct.pack(order + offset, place)
+    return head + struct.pack(order + count, 3) + entries
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize(("big", "kind"), [(False, "H"), (False, "I"), (True, "I"), (True, "Q")])
+def test_the_size_of_a_tiff_is_looked_at_before_its_pixels(order, big, kind):
+    bomb = tiff_header(order, big, kind, 20_000, 30_000)
+    with pytest.raises(UnreadableError, match="is 20000x30000 px; 100000000 pixels are the most"):
+        safe_input.picture(bomb, cv2.IMREAD_UNCHANGED)
+    for cut in range(len(bomb)):  # no other error
+        safe_input.picture_size(bomb[:cut])
+
+
+def test_ordinary_tiffs_are_read():
+    image = np.linspace(0.0, 1.0, 1500).reshape(30, 50)
+    content = cv2.imencode(".tiff", image)[1].tobytes()
+    assert safe_input.picture_size(content) == (50, 30)
+    np.testing.assert_array_equal(safe_input.picture(content, cv2.IMREAD_UNCHANGED), image)
+
+
 def test_a_table_of_numbers_is_read_and_anything_else_refused(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("# stamp, x\n1,2.5 # two\n\n3,nan\n")
