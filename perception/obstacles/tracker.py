@@ -57,11 +57,11 @@ class TrackerConfig:
     misses_to_die: int = setting(
         5, "", "frames without detection, though visible, that end a track", "ours"
     )
-    oldest_s: float = 30.0  # ours: a moving obstacle may be anywhere by then; time without detection that ends a track
+    oldest_s: float = 20.0  # ours: a moving obstacle may be anywhere by then; time without detection that ends a track
     max_radius_m: float = setting(
         0.35, "m", "radius above which a detection is not tracked", "ours: furniture is in the map"
     )
-    largest_sigma_m: float = 3.0  # ours: half of a room; position uncertainty that ends a track
+    largest_sigma_m: float = 0.8  # ours: position uncertainty that ends a track
     motion_model: str = setting(
         "switching",
         "",

@@ -20,7 +20,7 @@ from mapping.grid.egocentric_grid import EgocentricGrid
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 
-from .priority import overdue
+from .priority import SEEK_MAX
 
 # all ours
 DIRECTIONS = 12  # round the robot; a view shows one or two
@@ -76,4 +76,4 @@ def doubts(
     if fastest_mps == 0.0:
         return np.zeros(DIRECTIONS)
     closing = np.maximum(fastest_mps + walks_mps * RING[:, 0] / RING_M, 0.0)
-    return overdue(closing * unseen_s / EDGE_M)
+    return np.minimum((closing * unseen_s / EDGE_M) ** 2, SEEK_MAX)

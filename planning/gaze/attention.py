@@ -1,10 +1,10 @@
 """The gaze map of the present moment: the four evaluations from live covariances, over pan and tilt.
 
-Three reasons to look are ours. A moving obstacle out of sight gains priority with the share of the way to the robot
-that it may have covered since, at both positions where it may be by now. The path ahead becomes urgent while the gaze
-is elsewhere. Directions from which something may have come since the last look (`arrivals`) count also behind the range
-of the neck, where the body must turn. A look reduces its own reason at once: stale ground by its confidence, the path by
-the time since, landmarks by the reduction of the pose covariance.
+Three reasons to look are ours. A moving obstacle out of sight gains priority with time and nearness, at both positions
+where it may be by now; in our walks most contacts are with obstacles unseen for two seconds. The path ahead becomes
+urgent while the gaze is elsewhere. Directions from which something may have come since the last look (`arrivals`) count
+also behind the range of the neck, where the body must turn. A look reduces its own reason at once: stale ground by its confidence, the path
+by the time since, landmarks by the reduction of the pose covariance.
 
 Source: Yoo 2010 (seed 001), section 3; seeking, urgency and the gain of landmarks are ours.
 """
@@ -30,7 +30,7 @@ from ..commands import GazeCommand
 from ..world_model import WorldModel
 from . import arrivals, evaluations
 from .landmark_gain import gains
-from .priority import overdue
+from .priority import SEEK_MAX, nearness
 from .sampling import from_camera, in_body, region
 from .sampling import sample_region as sample_region
 from .selection import GazeMapConfig, first_image_s, in_view, shown
@@ -43,8 +43,7 @@ GROUND_M = 1.75  # stale ground counts up to the edge of the terrain map; seed 0
 UNWATCHED_S = 2.0  # ours: three steps; time without a look after which the path has its full weight
 URGENCY_MAX = 4.0  # largest factor of that weight
 WAY_FLOOR = 0.3  # least psi_way: in a crowd the path still counts
-DUE_SHARE = 0.5  # share of the way to the robot that a moving obstacle may cover out of sight before a look is due
-LEAST_GAP_M = 0.05  # smaller gaps to the robot count as this
+SEEK_S = 1.0  # ours: two steps, rounded; time out of sight after which a look for a moving obstacle is due
 RECEDING = 0.5  # factor for a moving obstacle that goes away
 YOUNG_S = 3.0  # a track followed for less than this may still prove to move
 YOUNG_SHARE = 0.4  # factor for such a track
@@ -258,16 +257,15 @@ class AttentionModel:
         psi_ob = evaluations.of_obstacles(
             offsets, velocities, np.array(covariances).reshape(-1, 2, 2), self.config.evaluation
         )
-        away = np.hypot(offsets[:, 0], offsets[:, 1])
-        speeds = np.hypot(velocities[:, 0], velocities[:, 1])
-        ahead = offsets @ [math.cos(pose.mean[2]), math.sin(pose.mean[2])] / np.maximum(away, 1e-9)
-        closing = np.maximum(speeds + self._robot.gait.cruise_mps * ahead, 0.0)
-        sizes = self._robot.radius_m + np.array([mover.radius_m for mover in movers])
-        allowed = DUE_SHARE * np.maximum(away - sizes, LEAST_GAP_M)
-        seen = [max(m.seen_s, self._sought_s.get(m.track, -math.inf)) for m in movers]
-        worth = overdue(closing * (stamp_s - np.array(seen)) / allowed)
-        worth[np.sum(offsets * velocities, axis=1) >= 0.0] *= RECEDING
-        worth[[mover.moving < MOVING for mover in movers]] *= YOUNG_SHARE
+        away = np.hypot(offsets[:, 0], offsets[:, 1]).tolist()
+        receding = (np.sum(offsets * velocities, axis=1) >= 0.0).tolist()
+        worth = np.empty(len(movers))
+        for k, mover in enumerate(movers):
+            sought_s = self._sought_s.get(mover.track, -math.inf)
+            alone = stamp_s - max(mover.seen_s, sought_s)
+            worth[k] = nearness(away[k]) * min((alone / SEEK_S) ** 2, SEEK_MAX)
+            worth[k] *= RECEDING if receding[k] else 1.0
+            worth[k] *= YOUNG_SHARE if mover.moving < MOVING else 1.0
         return np.maximum(psi_ob, worth)
 
     def _may_be(

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from mapping.grid.evidence import corner_m
-from perception.primitives.gaussian import deviation
 from perception.primitives.obstacle import MOVING, Obstacle
 
 TRACK_M = 0.015  # ours: position error of a track
@@ -26,20 +25,14 @@ def straight_tracks(tracks: Sequence[Obstacle]) -> list[Obstacle]:
 def standing_cells(
     cells: Float[np.ndarray, "n 2"], obstacles: Sequence[Obstacle], cell_m: float
 ) -> Float[np.ndarray, "m 2"]:
-    """Occupied cells outside all moving tracks of known place, which the guard predicts itself.
-
-    A track whose place is less sure than its size does not explain an occupied cell.
+    """Occupied cells outside all moving tracks, which the guard predicts itself.
 
     Args:
         cells: Middles of occupied cells, m.
         obstacles: Tracks, in the same frame.
         cell_m: Edge of a cell.
     """
-    movers = [
-        o
-        for o in obstacles
-        if o.moving >= MOVING and deviation(o.state.covariance[:2, :2]) <= o.radius_m
-    ]
+    movers = [o for o in obstacles if o.moving >= MOVING]
     places = np.array([o.position for o in movers]).reshape(-1, 2)
     reach = np.array([o.radius_m for o in movers]) + (corner_m(cell_m) + TRACK_M)
     gaps = np.linalg.norm(cells[:, None] - places, axis=2)

@@ -59,5 +59,7 @@ def test_depth_images_have_no_flying_pixels():
     z, mixed = box_before_a_wall(np.random.default_rng(3), 1)
     seen = structured_light.depth(DepthView(z.astype(np.float32), CAMERA))
     assert np.mean(np.isnan(seen.z[mixed])) > 0.9
-    assert np.mean(np.isfinite(seen.z[~mixed])) > 0.998  # the noise is larger than the model of this sensor
+    assert (
+        np.mean(np.isfinite(seen.z[~mixed])) > 0.998
+    )  # the noise is larger than the model of this sensor
     np.testing.assert_array_equal(np.isfinite(seen.z), np.isfinite(seen.sigma))

@@ -394,7 +394,7 @@ def test_the_covariance_of_an_unseen_mover_covers_turns():
     place_nees = []
     for _ in range(150):
         tracker = ObstacleTracker(
-            TrackerConfig(largest_sigma_m=5.0, track=TrackConfig(shape_per_m=0.0))
+            TrackerConfig(largest_sigma_m=5.0, oldest_s=30.0, track=TrackConfig(shape_per_m=0.0))
         )
         heading = rng.uniform(0, 2 * math.pi)
         velocity = rng.uniform(0.03, 0.1) * np.array([math.cos(heading), math.sin(heading)])
@@ -421,7 +421,7 @@ def test_the_covariance_of_an_unseen_mover_covers_turns():
 
 def test_an_unseen_static_obstacle_keeps_its_position_and_the_doubt_of_it_grows_slowly():
     rng = np.random.default_rng(3)
-    tracker = ObstacleTracker()
+    tracker = ObstacleTracker(TrackerConfig(oldest_s=30.0))
     for k in range(40):
         tracker.update(
             0.3 * k, [seen_at(*(np.array([1.0, 0.2]) + rng.normal(size=2) * 0.01))], SURE

@@ -14,7 +14,6 @@ from perception.obstacles.clustering import Cluster, Footprint
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.landmark import Landmark, Sighting
 from perception.primitives.obstacle import Obstacle
-from perception.primitives.robot_model import DARWIN_OP
 from planning.commands import GazeCommand
 from planning.gaze.attention import (
     TAG_BEARING_RAD,
@@ -83,17 +82,6 @@ def test_priority_grows_with_the_time_out_of_sight_and_with_nearness():
     assert near[0] > near[1] > near[2]
     comes, goes = (mover(*place(1.0), 3.0, *(0.05 * s * v for v in place(1.0))) for s in (-1, 1))
     assert worth_of(comes) > worth_of(goes)
-
-
-def test_a_look_is_as_due_at_twice_the_distance_after_twice_the_time():
-    def due(gap_m, unseen_s):
-        away = gap_m + 0.1 + DARWIN_OP.radius_m
-        obstacle = mover(0.0, away, 5.0 - unseen_s, 0.0, -0.1)
-        return values(AttentionModel(CONFIG), 5.0, [obstacle])[0].psi_obstacles[7]
-
-    assert 0.1 < due(0.4, 1.0) < 1.0
-    assert due(0.8, 2.0) == pytest.approx(due(0.4, 1.0))
-    assert due(0.4, 1.0) > due(0.8, 1.0)
 
 
 def test_a_look_without_a_sighting_lowers_the_priority():

@@ -19,12 +19,6 @@ def test_the_cells_of_moving_tracks_are_left_out():
     np.testing.assert_array_equal(standing_cells(CELLS, [box], 0.05), CELLS)
 
 
-def test_a_mover_that_may_be_anywhere_explains_no_occupied_cell():
-    lost = Gaussian(HERE.mean, np.eye(4))
-    found = standing_cells(CELLS, [Obstacle(lost, 0.2, moving=0.9)], 0.05)
-    np.testing.assert_array_equal(found, CELLS)
-
-
 def test_moving_tracks_alone_go_straight_on():
     straight = Gaussian(HERE.mean + 0.5, HERE.covariance)
     means, covariances = np.tile(HERE.mean, (5, 1)), np.tile(HERE.covariance, (5, 1, 1))
