@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from dataclasses import replace
 from pathlib import Path
 
 from perception.primitives import plugins
@@ -84,13 +85,23 @@ def _open_file(path: Path, description: Path | None) -> Recording:
             f"{path}: a single file needs no description, but {description} was given; leave it out"
         )
     if path.suffix == ".mcap":
-        return McapRecording(path)
+        return _own_mcap(path)
     if path.suffix == ".pcd":
         return PcdRecording(path)
     hint = "give its folder" if path.parent != path else "give a folder"
     raise RecordingError(
         f"{path}: a file of kind {path.suffix or path.name!r} is not read; {hint}; expected {KINDS}"
     )
+
+
+def _own_mcap(path: Path) -> McapRecording:
+    """Named by its folder or file as every other recording, not by the scene and seed it was made with."""
+    recording = McapRecording(path)
+    folder = path.resolve().parent
+    recording.info = replace(
+        recording.info, name=folder.name if path.name == MCAP_NAME else path.stem
+    )
+    return recording
 
 
 def _open_folder(path: Path, description: Description | None) -> Recording:
@@ -102,7 +113,7 @@ def _open_folder(path: Path, description: Description | None) -> Recording:
     if inside.is_file() and is_rosbag(inside):
         return RosbagRecording(inside, description)
     if inside.is_file() and description is None:
-        return McapRecording(inside)
+        return _own_mcap(inside)
     if is_euroc(path):
         return open_euroc(path, description)
     if is_icl_nuim(path):

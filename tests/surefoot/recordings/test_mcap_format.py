@@ -5,6 +5,7 @@ import io
 import itertools
 import json
 import math
+import shutil
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
@@ -32,6 +33,7 @@ from surefoot.recordings.mcap_format import McapRecording, RecordingWriter
 from surefoot.recordings.mcap_messages import (
     frame_messages,
 )
+from surefoot.recordings.open import open_recording
 from surefoot.recordings.own_body_json import own_body_from_json, own_body_to_json
 from surefoot.recordings.recording import RecordingInfo
 
@@ -71,6 +73,16 @@ def test_a_recording_is_read_back_without_loss(walk, same):
     assert all(map(same, played, frames))
     assert recording.skipped == []
     assert recording.remarks == []
+
+
+def test_a_recording_has_the_name_that_its_folder_or_file_was_given(walk, tmp_path):
+    kitchen = tmp_path / "kitchen"
+    kitchen.mkdir()
+    for name in ("recording.mcap", "monday.mcap"):
+        shutil.copy(walk[0], kitchen / name)
+    assert open_recording(kitchen).info.name == "kitchen"
+    assert open_recording(kitchen / "recording.mcap").info.name == "kitchen"
+    assert open_recording(kitchen / "monday.mcap").info.name == "monday"
 
 
 def test_a_recording_plays_twice_with_the_same_frames(walk, same):
