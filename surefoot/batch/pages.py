@@ -6,9 +6,10 @@ import csv
 import io
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from ..report import batch_page
 from ..report.batch_page import INDEX
@@ -77,11 +78,19 @@ def rows(jobs: Sequence[Job], ledger: Ledger) -> list[Row]:
                 job.target if done else "",
                 end["event"],
                 wall_s=end.get("wall_s"),
-                reason=end.get("reason", ""),
+                reason=_reason(job, end),
                 **figures,
             )
         )
     return found
+
+
+def _reason(job: Job, end: Mapping[str, Any]) -> str:
+    """The reason without the recording, which has a column of its own."""
+    reason: str = end.get("reason", "")
+    for source in (job.source, job.anywhere().source):
+        reason = reason.removeprefix(f"{source}: ")
+    return reason
 
 
 _FIGURES = {one.name for one in fields(Row)[4:-1]} - {"wall_s"}
@@ -138,4 +147,7 @@ def lines(found: Sequence[Row], walks: bool = False) -> list[str]:
     frames = sum(row.frames or 0 for row in found)
     arrived = sum(row.status == DONE and not row.reason for row in found)
     goals = f", {arrived} of {len(found)} reached every goal" if walks else ""
-    return [*shown, f"{len(found) - len(bad)} of {len(found)} done{goals}, {frames} frames"]
+    return [
+        *shown,
+        f"{len(found) - len(bad)} of {len(found)} done{goals}, {frames} frame{'s' * (frames != 1)}",
+    ]
