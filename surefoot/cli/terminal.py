@@ -59,6 +59,9 @@ class Progress:
             click.echo(err=True)
 
 
+_AFRESH = ("map", "merge", "panorama", "monocular")  # no verbs that go on; those say so themselves
+
+
 class Verbs(click.Group):
     """Group of commands that prints every error as one line and exits with the code of its kind."""
 
@@ -81,7 +84,8 @@ class Verbs(click.Group):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             ctx.exit(DONE)
         except KeyboardInterrupt:
-            click.echo("\ninterrupted", err=True)
+            again = "; the same command starts afresh" if ctx.invoked_subcommand in _AFRESH else ""
+            click.echo(f"\ninterrupted{again}", err=True)
             ctx.exit(INTERRUPTED)
         except SurefootError as error:
             click.echo(f"surefoot: {error}", err=True)

@@ -150,11 +150,15 @@ class RunFolder:
         results = ("summary.json", "trajectory.txt", "panorama.json", "monocular.json", BATCH_TABLE)
         if any(run.has(name) for name in results) or run.unfinished():
             return run
-        cause = (
-            "it was interrupted before its first frame; run it again"
-            if run.has(MARK)
-            else "expected summary.json and trajectory.txt in it; is this the right folder?"
-        )
+        inside = sorted(child.parent.name for child in path.glob("*/summary.json"))
+        cause = "expected summary.json and trajectory.txt in it; is this the right folder?"
+        if run.has(MARK):
+            cause = "it was interrupted before its first frame; run it again"
+        elif inside:
+            cause = (
+                f"but the runs in it do ({', '.join(inside[:6])}); give one of them, or "
+                f"`surefoot batch evaluate {path} --out OUT` for all"
+            )
         raise InputError(f"run folder {path} holds no results: {cause}")
 
     @property

@@ -461,6 +461,26 @@ def test_ctrl_c_elsewhere_exits_with_130(monkeypatch):
     assert shown.strip() == "interrupted"
 
 
+def test_ctrl_c_while_mapping_says_that_nothing_is_kept(monkeypatch, tmp_path):
+    def interrupt(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("surefoot.offline.map.map_recording", interrupt)
+    code, shown = call("map", WALK, "--out", tmp_path / "run")
+    assert code == INTERRUPTED
+    assert shown.strip() == "interrupted; the same command starts afresh"
+
+
+def test_evaluating_a_folder_of_runs_points_to_batch(tmp_path):
+    for name in ("monday", "tuesday"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "summary.json").write_text("{}")
+    code, shown = call("evaluate", tmp_path)
+    assert code == BAD_INPUT
+    assert "the runs in it do (monday, tuesday)" in shown
+    assert f"`surefoot batch evaluate {tmp_path} --out OUT` for all" in shown
+
+
 def test_a_report_is_opened_quietly_and_only_on_a_desktop(tmp_path, monkeypatch):
     started = []
     monkeypatch.setattr(terminal.sys, "platform", "linux")
