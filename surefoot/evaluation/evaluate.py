@@ -203,7 +203,7 @@ def _kind_metrics(run: RunFolder, kind: str) -> dict[str, Any]:
             "views_placed_share": placed / max(len(views), 1),
             "obstacles": float(len(content.get("obstacles", []))),
             "note": content.get("failed")
-            or "a panorama has no ground truth: its views, obstacles and gaps are not judged; "
+            or "a panorama has no ground truth: how many views are placed is judged, obstacles and gaps are not; "
             "panorama.json has their standard deviations",
         }
     if kind == MONOCULAR:

@@ -65,7 +65,7 @@ def verdict(metrics: dict[str, Any]) -> tuple[str, str]:
     missed = [f"{one.target.words} ({one.miss})" for one in judged if not one.met]
     text = f"{len(judged) - len(missed)} of {len(judged)} targets met"
     if not missed:
-        return "good", text
+        return "good", text if len(judged) > 1 else f"target met: {judged[0].target.words}"
     return "bad", f"{text}; missed: {', '.join(missed)}"
 
 

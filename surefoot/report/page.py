@@ -69,8 +69,10 @@ FILES = {
     "innovations.csv": "whitened innovations of landmarks and tracks",
     "panorama.json": "views, obstacles and gaps of the panorama with standard deviations",
     "panorama.npz": "range and standard deviation on the sphere (NumPy)",
+    "panorama_obstacles.png": "picture of the panorama with its obstacles and gaps",
     "panorama.ply": "point cloud of the panorama (Open3D)",
     "monocular.json": "number of frames, and IoU of the floor by colour against depth",
+    "stages-*.png": "the stages of the floor by colour, a picture for every frame",
     "metrics.json": "the figures of this page",
     "summary.json": "kind, frames, skipped frames, goals, command",
     "figures/map.svg": "the plots of this page as files, in figures/",
@@ -118,7 +120,7 @@ def write_report(run: RunFolder) -> Path:
         files="\n".join(
             f"<tr><td><code>{name}</code></td><td>{words}</td></tr>"
             for name, words in FILES.items()
-            if run.has(name)
+            if any(run.root.glob(name))
         ),
         numbers="\n".join(figure_rows(metrics)),
     )

@@ -69,7 +69,11 @@ def surface(run: RunFolder) -> Drawn | None:
         "The mapped surface from above, in the axes of the map, and in an oblique view along +y"
     )
     sentence += ", with the trajectory in blue" if path is not None else ""
-    sentence += ". Without colour images, colour shows height: dark is low" if by_height else ""
+    sentence += (
+        ". No colour image is registered to the depth: colour shows height, dark is low"
+        if by_height
+        else ""
+    )
     return Drawn(figure, f"{sentence}.")
 
 

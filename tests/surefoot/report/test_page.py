@@ -487,6 +487,7 @@ def test_the_report_of_a_map_shows_surface_and_layers(run, tmp_path):
     assert "7.5 m²" in text
     assert "Trajectory error" in text
     assert "highest surface below the headroom" in text
+    assert "No colour image is registered to the depth: colour shows height" in text
 
 
 def test_ground_beyond_the_grid_is_drawn_as_unknown(run):
@@ -521,6 +522,9 @@ def test_the_report_of_a_panorama_lists_its_obstacles(tmp_path):
     assert "unknown" in text
     assert "surefoot panorama RECORDING" in text
     assert "a panorama has no ground truth" in text
+    assert "target met: panorama: share of the views placed" in text
+    assert "1 of 1 targets" not in text
+    assert "<code>panorama_obstacles.png</code>" in text
 
 
 def test_the_report_of_a_monocular_run_shows_its_stages_and_iou(tmp_path):
@@ -533,6 +537,7 @@ def test_the_report_of_a_monocular_run_shows_its_stages_and_iou(tmp_path):
     assert 10 <= len(Page(text).images) <= 20
     assert "0.910" in text
     assert "surefoot monocular RECORDING" in text
+    assert "<code>stages-*.png</code>" in text
 
 
 def test_a_killed_run_has_a_report_and_is_measured_again_when_it_is_complete(tmp_path, undrawn):
