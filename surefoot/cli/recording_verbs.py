@@ -197,7 +197,8 @@ def monocular(
         if content["judged"]
         else "no depth to compare with"
     )
-    click.echo(f"{content['frames']} frames, {compared}: {job.folder.root}")
+    count = content["frames"]
+    click.echo(f"{count} frame{'s' * (count != 1)}, {compared}: {job.folder.root}")
 
 
 @click.command(name="calibrate-noise")

@@ -311,7 +311,10 @@ def _tell(summary: Summary, as_json: bool) -> None:
 def _close(summary: Summary, resume: str) -> None:
     """Exit with the code of a run."""
     if summary.interrupted:
-        click.echo(f"interrupted after {summary.frames} frames{resume}", err=True)
+        click.echo(
+            f"interrupted after {summary.frames} frame{'s' * (summary.frames != 1)}{resume}",
+            err=True,
+        )
         click.get_current_context().exit(INTERRUPTED)
     if not summary.succeeded:
         click.get_current_context().exit(FAILED)

@@ -56,7 +56,7 @@ class NoiseSettings:
             f"{found.views} different ones{', related by poses' if found.posed else ''}"
         ]
         rows += [
-            f"noise at {one.z:.1f} m: {1e3 * one.sigma:.1f} +- {1e3 * one.error:.1f} mm "
+            f"noise at {one.z:.1f} m: {1e3 * one.sigma:.1f} ± {1e3 * one.error:.1f} mm "
             f"(model so far {1e3 * one.claimed:.1f} mm)"
             for one in found.noise
         ]
@@ -65,7 +65,7 @@ class NoiseSettings:
             SHAPES, found.bend, found.sigma, found.known, strict=True
         ):
             rows.append(
-                f"  {name:<10} {value:+.2f} +- {sigma:.2f}" if known else f"  {name:<10} not told"
+                f"  {name:<10} {value:+.2f} ± {sigma:.2f}" if known else f"  {name:<10} not told"
             )
         rows.append(f"size of the distortion: {found.size:.2f} of the published one")
         return rows + list(self.remarks)

@@ -41,7 +41,7 @@ class MapSummary:
     def lines(self) -> list[str]:
         """The summary for the terminal."""
         return [
-            f"{self.frames} frames fused, {self.lost} lost, {self.doubtful} doubtful, "
+            f"{self.frames} frame{'s' * (self.frames != 1)} fused, {self.lost} lost, {self.doubtful} doubtful, "
             f"{self.closures} loops closed",
             *(f"skipped {count}: {reason}" for reason, count in self.skipped.items()),
             *self.notes,

@@ -92,7 +92,9 @@ def smooth_walk(walked: WalkData, config: Config, lag_s: float | None = None) ->
     frames = walk_factors(instants, walked.landmarks, config.localiser)
     systematics = walk_systematics(config.localiser)
     if len(frames) < 2:
-        raise InputError(f"smoothing: the walk has {len(frames)} frames; expected at least 2")
+        raise InputError(
+            f"smoothing: the walk has {len(frames)} frame{'s' * (len(frames) != 1)}; expected at least 2"
+        )
     if lag_s is None:
         factors = [factor for _, of_frame in frames for factor in of_frame]
         return smooth(factors, walked.start, systematics)

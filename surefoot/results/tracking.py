@@ -38,10 +38,11 @@ def write_tracking(
     )
     if not alarms:
         return ""
+    of = f"of {len(alarms)} frame{'s' * (len(alarms) != 1)}"
     if not any(alarms):
-        return f"odometry doubtful in none of {len(alarms)} frames"
+        return f"odometry doubtful in none {of}"
     first = stamps[alarms.index(True)] - stamps[0]
-    return f"odometry doubtful in {sum(alarms)} of {len(alarms)} frames, from {first:.1f} s on"
+    return f"odometry doubtful in {sum(alarms)} {of}, from {first:.1f} s on"
 
 
 def tracking_metrics(table: Table | None) -> dict[str, float]:

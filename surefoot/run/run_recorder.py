@@ -165,7 +165,7 @@ class RunRecorder:
 
     def notes(self) -> tuple[str, ...]:
         """Notes for the user on how the recording was used."""
-        seen = f"floor seen in {self._floor_seen} of {self.frames} frames"
+        seen = f"floor seen in {self._floor_seen} of {self.frames} frame{'s' * (self.frames != 1)}"
         notes = [*([] if self._info.levels else [seen]), *self.status_notes()]
         if self._poses.rows:
             return tuple(notes)

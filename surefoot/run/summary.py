@@ -102,7 +102,7 @@ class Summary:
 
     def lines(self) -> list[str]:
         """For people."""
-        shown = [f"{self.frames} frames, {self.seconds:.1f} s"]
+        shown = [f"{self.frames} frame{'s' * (self.frames != 1)}, {self.seconds:.1f} s"]
         if self.reached is not None:
             shown.append(f"goals reached: {self.reached[0]} of {self.reached[1]}")
         shown += [f"skipped {count}: {reason}" for reason, count in self.skipped.items()]

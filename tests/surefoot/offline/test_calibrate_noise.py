@@ -64,6 +64,8 @@ def test_what_the_recording_does_not_tell_is_said(bare_floor, tmp_path):
     code, shown = call("calibrate-noise", bare_floor, "--out", tmp_path / "sensor.toml")
     assert code == 0
     assert "scale and tilt not told" in shown
+    assert "±" in shown
+    assert "+-" not in shown
 
 
 def test_an_existing_file_is_not_overwritten(bare_floor, tmp_path):
