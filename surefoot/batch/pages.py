@@ -15,6 +15,7 @@ from ..report import batch_page
 from ..report.batch_page import INDEX
 from ..results.formats import cell
 from ..results.run_folder import BATCH_TABLE, RunFolder
+from ..words import count_of
 from .job import DONE, Job
 from .ledger import QUARANTINED, Ledger
 from .thumbnails import thumbnail
@@ -149,5 +150,5 @@ def lines(found: Sequence[Row], walks: bool = False) -> list[str]:
     goals = f", {arrived} of {len(found)} reached every goal" if walks else ""
     return [
         *shown,
-        f"{len(found) - len(bad)} of {len(found)} done{goals}, {frames} frame{'s' * (frames != 1)}",
+        f"{len(found) - len(bad)} of {len(found)} done{goals}, {count_of(frames, 'frame')}",
     ]

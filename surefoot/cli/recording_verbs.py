@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from ..words import count_of
 from .options import (
     PATH,
     against_truth,
@@ -197,8 +198,7 @@ def monocular(
         if content["judged"]
         else "no depth to compare with"
     )
-    count = content["frames"]
-    click.echo(f"{count} frame{'s' * (count != 1)}, {compared}: {job.folder.root}")
+    click.echo(f"{count_of(content['frames'], 'frame')}, {compared}: {job.folder.root}")
 
 
 @click.command(name="calibrate-noise")

@@ -12,6 +12,7 @@ import click
 
 from perception.primitives.errors import InputError
 
+from ..words import count_of
 from .batch_verbs import Workers, seeds_of, simulate_all, workers_options
 from .options import (
     PATH,
@@ -312,7 +313,7 @@ def _close(summary: Summary, resume: str) -> None:
     """Exit with the code of a run."""
     if summary.interrupted:
         click.echo(
-            f"interrupted after {summary.frames} frame{'s' * (summary.frames != 1)}{resume}",
+            f"interrupted after {count_of(summary.frames, 'frame')}{resume}",
             err=True,
         )
         click.get_current_context().exit(INTERRUPTED)

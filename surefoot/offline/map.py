@@ -7,6 +7,7 @@ from typing import Any
 
 from perception.primitives.errors import RecordingError
 
+from ..words import count_of
 from .fusion import Fusion
 from .job import Job, Say, count_reasons
 from .placed_images import PlacedImages, WalkingBody, placed_images
@@ -41,7 +42,7 @@ class MapSummary:
     def lines(self) -> list[str]:
         """The summary for the terminal."""
         return [
-            f"{self.frames} frame{'s' * (self.frames != 1)} fused, {self.lost} lost, {self.doubtful} doubtful, "
+            f"{count_of(self.frames, 'frame')} fused, {self.lost} lost, {self.doubtful} doubtful, "
             f"{self.closures} loops closed",
             *(f"skipped {count}: {reason}" for reason, count in self.skipped.items()),
             *self.notes,

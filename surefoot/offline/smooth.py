@@ -31,6 +31,7 @@ from ..config.schema import Config
 from ..recordings.open import open_recording
 from ..results.measurement_log import ODOMETRY, ODOMETRY_HEADER, SIGHTINGS, SIGHTINGS_HEADER
 from ..results.run_folder import COVARIANCE_HEADER, RECORDING, RunFolder
+from ..words import count_of
 
 log = logging.getLogger(__name__)
 
@@ -93,7 +94,7 @@ def smooth_walk(walked: WalkData, config: Config, lag_s: float | None = None) ->
     systematics = walk_systematics(config.localiser)
     if len(frames) < 2:
         raise InputError(
-            f"smoothing: the walk has {len(frames)} frame{'s' * (len(frames) != 1)}; expected at least 2"
+            f"smoothing: the walk has {count_of(len(frames), 'frame')}; expected at least 2"
         )
     if lag_s is None:
         factors = [factor for _, of_frame in frames for factor in of_frame]

@@ -21,6 +21,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.safe_input import MissingError, UnreadableError
 
+from ..words import count_of
 from .codec import metres
 from .recording import DESCRIPTION_FILE, FrameError
 
@@ -106,7 +107,7 @@ def read_depth(path: Path, camera: Camera, unit: DepthUnit) -> Float32[np.ndarra
         expected = "uint16" if unit.encoding in _CODED else "uint16, float32 or float64"
         advice = "an 8-bit picture has no depth" if image.dtype == np.uint8 else DEPTH_ADVICE
         raise FrameError(
-            f"depth image has {channels} channel{'s' * (channels != 1)} of {image.dtype}; one channel "
+            f"depth image has {count_of(channels, 'channel')} of {image.dtype}; one channel "
             f"of {expected} was expected ({advice})"
         )
     _check_size("depth", image, camera)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..words import count_of
 from .run_folder import RunFolder
 from .tables import Table
 
@@ -38,7 +39,7 @@ def write_tracking(
     )
     if not alarms:
         return ""
-    of = f"of {len(alarms)} frame{'s' * (len(alarms) != 1)}"
+    of = f"of {count_of(len(alarms), 'frame')}"
     if not any(alarms):
         return f"odometry doubtful in none {of}"
     first = stamps[alarms.index(True)] - stamps[0]

@@ -42,6 +42,7 @@ from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 from ..results.status_log import StatusLog
 from ..results.timing_log import TimingLog
 from ..results.version import commit, version
+from ..words import count_of
 from .level_pipeline import LevelPipeline
 from .loop import Cycle
 from .maps import RunMaps
@@ -165,7 +166,7 @@ class RunRecorder:
 
     def notes(self) -> tuple[str, ...]:
         """Notes for the user on how the recording was used."""
-        seen = f"floor seen in {self._floor_seen} of {self.frames} frame{'s' * (self.frames != 1)}"
+        seen = f"floor seen in {self._floor_seen} of {count_of(self.frames, 'frame')}"
         notes = [*([] if self._info.levels else [seen]), *self.status_notes()]
         if self._poses.rows:
             return tuple(notes)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..recordings.recording import Recording
+from ..words import count_of
 
 Say = Callable[[str], None]
 
@@ -102,7 +103,7 @@ class Summary:
 
     def lines(self) -> list[str]:
         """For people."""
-        shown = [f"{self.frames} frame{'s' * (self.frames != 1)}, {self.seconds:.1f} s"]
+        shown = [f"{count_of(self.frames, 'frame')}, {self.seconds:.1f} s"]
         if self.reached is not None:
             shown.append(f"goals reached: {self.reached[0]} of {self.reached[1]}")
         shown += [f"skipped {count}: {reason}" for reason, count in self.skipped.items()]

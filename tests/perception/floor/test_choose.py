@@ -248,7 +248,7 @@ def test_the_floor_before_a_ramp_is_chosen_and_not_the_larger_ramp(look, ramp_de
     assert float(e @ np.linalg.solve(found.plane.covariance, e)) < stats.chi2.ppf(0.999, 3)
     assert (
         found.plane.angle_to(room.floor) < np.radians(ramp_deg) / 2.0
-    )  # nearer to it than to the ramp
+    )
 
 
 @pytest.mark.parametrize("sensor", ["tof", "stereo", "depth"])
