@@ -37,6 +37,9 @@ _ROTATED_BITS = 3
 _DISPARITY_NONE = 2047
 _FULL = 65535  # no depth, stated or not: of cameras that mark pixels so, or beyond the last value
 _MOST_DISPARITY = 1092  # the formula's depth is infinite at 1084.6
+_BACKGROUND_M = (
+    1000.0  # ours: renderers write 1e10 (Blender) or a far plane where there is no surface
+)
 _OTHERS = 0.05  # ours: share of rotated values that are no multiples of 8, those beyond 8.2 m
 _LEAST_VALUES = 50  # ours: fewer different values tell nothing
 
@@ -95,7 +98,7 @@ def plausible(camera: Camera) -> Camera:
 def read_depth(path: Path, camera: Camera, unit: DepthUnit) -> Float32[np.ndarray, "h w"]:
     """Read a depth image, m; NaN without depth.
 
-    Of floats, whatever is not positive and finite means no depth.
+    Of floats, whatever is not positive or not below 1000 m means no depth.
 
     Raises:
         FrameError: The file is missing, truncated, of another type or size, or has no valid pixel.
@@ -132,9 +135,11 @@ def _of_floats(image: Float[np.ndarray, "h w"], unit: DepthUnit) -> Float32[np.n
     """Depth of floats, m."""
     with np.errstate(all="ignore"):
         depth = (image / np.float64(unit.per_metre)).astype(np.float32)
-    depth[~np.isfinite(depth) | (depth <= 0.0) | np.isin(image, unit.none)] = np.nan
+    depth[~((depth > 0.0) & (depth < _BACKGROUND_M)) | np.isin(image, unit.none)] = np.nan
     if not np.isfinite(depth).any():
-        raise FrameError("depth image has no valid pixel: no value is positive and finite")
+        raise FrameError(
+            f"depth image has no valid pixel: no value is positive and below {_BACKGROUND_M:g} m"
+        )
     return depth
 
 

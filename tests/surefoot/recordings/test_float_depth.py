@@ -11,7 +11,7 @@ from perception.primitives.errors import RecordingError
 from surefoot.recordings.open import open_recording
 
 METRES = np.linspace(0.5, 4.0, 12 * 16).reshape(12, 16) + 1e-4  # no whole millimetres
-NO_DEPTH = (np.nan, np.inf, -np.inf, 0.0, -1.0)
+NO_DEPTH = (np.nan, np.inf, -np.inf, 0.0, -1.0, 1e10, 1e30)  # 1e10: the background of Blender
 
 
 def saved(array):
@@ -51,10 +51,10 @@ def scaled(folder, per_metre):
 @pytest.mark.parametrize("per_metre", [1, 1000])
 def test_floats_are_the_metres_that_were_written(plain, suffix, write, per_metre):
     truth = METRES.copy()
-    truth[3, :5] = NO_DEPTH
+    truth[3, :7] = NO_DEPTH
     rewritten(plain, suffix, write(truth * per_metre))
     scaled(plain, per_metre)
-    truth[3, :5] = np.nan
+    truth[3, :7] = np.nan
     frames = list(open_recording(plain).frames())
     assert len(frames) == 3
     for frame in frames:
@@ -103,7 +103,7 @@ BAD = [
     (".tif", tiff(np.ones((12, 16, 3), np.float32)), "3 channels of float32; .*TIFF or .npy of float32"),
     (".tif", tiff(np.ones((12, 16), np.int32)), "1 channel of int32"),
     (".tif", tiff(np.ones((6, 8), np.float32)), "8x6 px; 16x12 px was expected"),
-    (".tif", tiff(np.full((12, 16), np.nan, np.float32)), "no valid pixel: no value is positive"),
+    (".tif", tiff(np.full((12, 16), np.nan, np.float32)), "no valid pixel: no value is positive and below 1000 m"),
     (".tif", tiff(METRES)[:-40], "cannot be decoded"),
     (".npy", b"", "an empty file"),
     (".npy", b"no array", "cannot be decoded"),
@@ -126,7 +126,7 @@ BAD = [
     (".npy", saved(np.ones(192)), r"an array of shape \(192,\); \(height, width\) was expected"),
     (".npy", saved(np.ones((1, 12, 16, 1))), "an array of shape"),
     (".npy", saved(np.ones((0, 16))), "16x0 px; 16x12 px was expected"),
-    (".npy", saved(np.zeros((12, 16))), "no valid pixel: no value is positive"),
+    (".npy", saved(np.zeros((12, 16))), "no valid pixel: no value is positive and below 1000 m"),
     (".npy", saved(np.full((12, 16), 1e300)), "no valid pixel"),
 ]  # fmt: skip
 
