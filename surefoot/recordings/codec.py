@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, UInt8, UInt16
+from jaxtyping import Float, Float32, UInt8, UInt16
 
 from perception.primitives import safe_input
 from perception.primitives.camera import Camera
@@ -41,6 +41,7 @@ DEPTH_UNITS_PER_METRE = 5000.0  # 0.2 mm: exact for TUM's unit and for millimetr
 LARGEST = 1e12  # of any number in a frame: s, m, rad; more is damage
 FEET_M = 10.0  # of any number about the feet in the body frame; more is damage
 NONE = 0  # value of pixels without depth
+BACKGROUND_M = 1000.0  # ours: renderers write 1e10 or a far plane where there is no surface
 _AMPLITUDE_NONE = 65535
 _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 92]
 _JPEG += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
@@ -176,6 +177,13 @@ def metres(
     for mark in none:
         depth[units == mark] = np.nan
     return depth
+
+
+def metres_of_floats(depth: Float[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
+    """Depth of floats, m; NaN for what is not positive, or as far as the background of a renderer."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        good = (depth > 0.0) & (depth < BACKGROUND_M)
+    return np.where(good, depth, np.nan).astype(np.float32)
 
 
 def _encode_depth(

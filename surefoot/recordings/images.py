@@ -22,7 +22,7 @@ from perception.primitives.errors import ConfigError
 from perception.primitives.safe_input import MissingError, UnreadableError
 
 from ..words import count_of
-from .codec import metres
+from .codec import BACKGROUND_M, metres, metres_of_floats
 from .recording import DESCRIPTION_FILE, FrameError
 
 DEPTH_ADVICE = (
@@ -37,9 +37,6 @@ _ROTATED_BITS = 3
 _DISPARITY_NONE = 2047
 _FULL = 65535  # no depth, stated or not: of cameras that mark pixels so, or beyond the last value
 _MOST_DISPARITY = 1092  # the formula's depth is infinite at 1084.6
-_BACKGROUND_M = (
-    1000.0  # ours: renderers write 1e10 (Blender) or a far plane where there is no surface
-)
 _OTHERS = 0.05  # ours: share of rotated values that are no multiples of 8, those beyond 8.2 m
 _LEAST_VALUES = 50  # ours: fewer different values tell nothing
 
@@ -134,11 +131,11 @@ def read_depth(path: Path, camera: Camera, unit: DepthUnit) -> Float32[np.ndarra
 def _of_floats(image: Float[np.ndarray, "h w"], unit: DepthUnit) -> Float32[np.ndarray, "h w"]:
     """Depth of floats, m."""
     with np.errstate(all="ignore"):
-        depth = (image / np.float64(unit.per_metre)).astype(np.float32)
-    depth[~((depth > 0.0) & (depth < _BACKGROUND_M)) | np.isin(image, unit.none)] = np.nan
+        depth = metres_of_floats(image / np.float64(unit.per_metre))
+    depth[np.isin(image, unit.none)] = np.nan
     if not np.isfinite(depth).any():
         raise FrameError(
-            f"depth image has no valid pixel: no value is positive and below {_BACKGROUND_M:g} m"
+            f"depth image has no valid pixel: no value is positive and below {BACKGROUND_M:g} m"
         )
     return depth
 

@@ -20,6 +20,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.safe_input import UnreadableError
 
+from .codec import metres_of_floats
 from .images import plausible
 from .recording import FrameError
 
@@ -180,12 +181,10 @@ def _compressed_depth(message: Any) -> np.ndarray:
 
 
 def _metres(image: np.ndarray) -> np.ndarray:
-    """Depth from millimetres (0 without depth) or from metres (not positive or not finite without depth)."""
+    """Depth from millimetres (0 without depth) or from metres as floats."""
     if image.dtype.kind == "u":
         return np.where(image > 0, image * np.float32(1e-3), np.nan).astype(np.float32)
-    with np.errstate(invalid="ignore"):
-        good = np.isfinite(image) & (image > 0.0)
-    return np.where(good, image, np.nan).astype(np.float32)
+    return metres_of_floats(image)
 
 
 def _check_size(what: str, image: np.ndarray, camera: Camera) -> None:

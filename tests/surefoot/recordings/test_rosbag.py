@@ -99,11 +99,11 @@ def test_compressed_depth_is_read_in_both_scales(tmp_path, words):
 def test_depth_in_metres_is_read_without_loss(tmp_path):
     bag = Bag(tmp_path / "walk", "ros1")
     truth = np.random.default_rng(0).uniform(0.5, 3.0, (bags.HEIGHT, bags.WIDTH)).astype(np.float32)
-    truth[3, 4], truth[5, 6] = np.nan, -1.0
+    truth[3, 4], truth[5, 6], truth[7, 8] = np.nan, -1.0, 1e10  # as Blender writes no surface
     bag.write("/cam/camera_info", bag.info(1.0, "camera"), 1.0)
     bag.write("/cam/depth", bag.image(1.0, "camera", truth, "32FC1"), 1.0)
     (frame,) = open_recording(bag.close()).frames()
-    truth[5, 6] = np.nan
+    truth[5, 6] = truth[7, 8] = np.nan
     np.testing.assert_array_equal(frame.depth.depth, truth)
 
 
