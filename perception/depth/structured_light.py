@@ -16,7 +16,6 @@ import numpy as np
 from ..primitives.errors import ConfigError
 from ..primitives.frame import Depth, DepthView
 from ..primitives.settings import setting
-from .flying import flying
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class StructuredLightConfig:
 
 
 def depth(view: DepthView, config: StructuredLightConfig | None = None) -> Depth:
-    """Depth with its standard deviation, without flying pixels.
+    """Depth with its standard deviation.
 
     Args:
         view: Depth along the optical axis, m; NaN, zero, negative and infinite values mean no depth.
@@ -60,6 +59,4 @@ def depth(view: DepthView, config: StructuredLightConfig | None = None) -> Depth
         z = np.where((view.depth > 0.0) & np.isfinite(view.depth), view.depth, np.float32(np.nan))
     beyond = z - np.float32(config.start_m)
     sigma = np.float32(config.floor_m) + np.float32(config.growth_per_m) * beyond * beyond
-    false = flying(z, sigma, view.camera)
-    z[false] = sigma[false] = np.nan
     return Depth(z, sigma, view.camera, view.T_body_camera)

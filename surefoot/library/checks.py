@@ -15,7 +15,6 @@ import numpy.typing as npt
 from jaxtyping import Float, Float32, UInt8
 
 from perception.depth import structured_light
-from perception.depth.flying import flying
 from perception.depth.reach import ReachConfig
 from perception.depth.structured_light import StructuredLightConfig
 from perception.primitives import plugins
@@ -214,7 +213,7 @@ def depth_image(
     sigma_m: ArrayLike | None = None,
     T_body_camera: Pose3 | None = None,
 ) -> Depth:
-    """A depth image with its standard deviation, without flying pixels.
+    """A depth image with its standard deviation.
 
     Args:
         depth_m: (h, w), as for `metres`.
@@ -238,9 +237,7 @@ def depth_image(
     sigma = np.where(np.isfinite(image), sigma, np.float32(np.nan)).astype(np.float32)
     if not (sigma[np.isfinite(image)] > 0.0).all():
         raise InputError("sigma_m must be positive wherever there is depth")
-    false = flying(image, sigma, camera)
-    z, sigma = (np.where(false, np.float32(np.nan), one) for one in (image, sigma))
-    return Depth(z, sigma, camera, mount)
+    return Depth(image, sigma, camera, mount)
 
 
 def grey(image: ArrayLike, camera: Camera, what: str) -> UInt8[np.ndarray, "h w"]:

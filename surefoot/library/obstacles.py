@@ -7,6 +7,7 @@ import numpy as np
 from mapping.objects import footprints
 from mapping.objects.footprints import Footprint
 from perception.depth import points
+from perception.depth.flying import flying
 from perception.floor import classify
 from perception.floor.classify import ClassConfig
 from perception.floor.levelling import camera_above_floor
@@ -79,7 +80,8 @@ def find_obstacles(
     upright = T_floor_camera.apply(cloud.xyz)
     upright[:, 2] = floor.distance(cloud.xyz)
     view = SegmentedView("depth", depth, cloud, classes, floor, None, T_floor_camera, upright)
-    rising = view.rising
+    false = flying(depth.z, depth.sigma, camera)
+    rising = view.rising[~false.ravel()[cloud.pixels[view.rising]]]
     return clustering.cluster(
         upright[rising],
         cloud.sigma[rising],

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from perception.depth import structured_light
 from perception.depth.flying import flying
 from perception.primitives.camera import Camera
-from perception.primitives.frame import DepthView
 
 CAMERA = Camera(320, 240, 262.0, 262.0, 159.5, 119.5)
 SIGMA_M = 0.003
@@ -53,13 +51,3 @@ def test_a_grazing_floor_is_kept():
     z = np.where(below > 0.0, 0.4 / np.maximum(below, 1e-9), np.nan)
     z = np.where(z < 3.0, z, np.nan)
     assert not found_in(np.tile(z[:, None], (1, 320))).any()
-
-
-def test_depth_images_have_no_flying_pixels():
-    z, mixed = box_before_a_wall(np.random.default_rng(3), 1)
-    seen = structured_light.depth(DepthView(z.astype(np.float32), CAMERA))
-    assert np.mean(np.isnan(seen.z[mixed])) > 0.9
-    assert (
-        np.mean(np.isfinite(seen.z[~mixed])) > 0.998
-    )  # the noise is larger than the model of this sensor
-    np.testing.assert_array_equal(np.isfinite(seen.z), np.isfinite(seen.sigma))

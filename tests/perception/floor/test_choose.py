@@ -246,9 +246,7 @@ def test_the_floor_before_a_ramp_is_chosen_and_not_the_larger_ramp(look, ramp_de
     found = find(points, handheld_prior(room.floor.normal), rng)
     e = found.plane.error_to(room.floor)
     assert float(e @ np.linalg.solve(found.plane.covariance, e)) < stats.chi2.ppf(0.999, 3)
-    assert (
-        found.plane.angle_to(room.floor) < np.radians(ramp_deg) / 2.0
-    )
+    assert found.plane.angle_to(room.floor) < np.radians(ramp_deg) / 2.0
 
 
 @pytest.mark.parametrize("sensor", ["tof", "stereo", "depth"])

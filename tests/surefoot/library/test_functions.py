@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.ndimage import maximum_filter, minimum_filter
 
 import surefoot
 from perception.depth.distortion import DistortionConfig
@@ -177,6 +178,25 @@ def test_the_centre_of_an_object_whose_top_is_seen_is_that_of_its_outline(kind):
     assert abs(np.mean(errors)) < 0.015
     assert np.sqrt(np.mean(np.square(errors))) < 0.03
     assert np.mean(squares) < 1.5
+
+
+def test_mixed_pixels_at_edges_do_not_make_an_obstacle_larger():
+    """Seven of ten pixels at a jump of depth lie anywhere between both sides, as a time-of-flight camera gives them."""
+    sizes, squares = [], []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        place, radius = np.array([rng.uniform(1.1, 1.8), rng.uniform(-0.3, 0.3)]), 0.15
+        camera, depth = seen_from_above("cylinder", *place, np.full(2, radius), 0.5, rng)
+        whole = np.nan_to_num(depth, nan=4.0)
+        low, high = minimum_filter(whole, 3), maximum_filter(whole, 3)
+        mixed = (high - low > 0.1 * low) & (rng.random(depth.shape) < 0.7)
+        depth[mixed] = rng.uniform(low, high)[mixed]
+        (found,) = surefoot.find_obstacles(depth, camera)
+        sizes.append(found.radius_m - radius)
+        error = found.centre - place
+        squares.append(error @ np.linalg.solve(found.covariance, error) / 2.0)
+    assert abs(np.mean(sizes)) < 0.02
+    assert np.mean(squares) < 2.0
 
 
 @pytest.mark.parametrize(("ahead_m", "placed"), [(1.0, True), (0.6, False)])
