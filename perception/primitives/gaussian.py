@@ -39,6 +39,9 @@ class Gaussian:
 
 
 def deviation(covariance: Float[np.ndarray, "2 2"]) -> float:
-    """Standard deviation along the worst axis, the root of the largest eigenvalue; eq. (2) and (3) of seed 001."""
+    """Standard deviation along the worst axis of a position (x, y), in its unit: the root of the largest eigenvalue.
+
+    Source: Yoo 2010 (seed 001), sigma of eq. (2) and (3).
+    """
     (a, b), (_, c) = covariance.tolist()
     return math.sqrt(max((a + c) / 2.0 + math.hypot((a - c) / 2.0, b), 0.0))

@@ -7,7 +7,7 @@ back, wait, then go on) for 7.8 s against the predicted obstacles and the occupi
 The plan with the least expected cost is walked: a part of it is the probability of contact with what may move, until
 the end of the plan and some steps of standing. Small risks are avoided where that is cheap, and somebody is given way
 before he is near. The probability of contact in the next seconds is bounded (`risk`): what the plan would bring, times
-the share that deciding anew at every step does not avoid. If the cheapest plan exceeds the
+the share that still happens when the robot decides anew at every step. If the cheapest plan exceeds the
 bound, the cheapest of those that keep it is walked; where none does, the cheapest of the least dangerous. In both cases
 only if it is not more dangerous until its end: the bound alone would make the robot back away before somebody who is
 faster.

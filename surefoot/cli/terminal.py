@@ -59,7 +59,8 @@ class Progress:
             click.echo(err=True)
 
 
-_AFRESH = ("map", "merge", "panorama", "monocular")  # no verbs that go on; those say so themselves
+_AFRESH = ("map", "merge", "panorama", "monocular")
+"""Verbs without --resume; others say how to continue."""
 
 
 class Verbs(click.Group):

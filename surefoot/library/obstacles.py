@@ -81,7 +81,8 @@ def find_obstacles(
     upright[:, 2] = floor.distance(cloud.xyz)
     view = SegmentedView("depth", depth, cloud, classes, floor, None, T_floor_camera, upright)
     false = flying(depth.z, depth.sigma, camera)
-    rising = view.rising[~false.ravel()[cloud.pixels[view.rising]]]
+    rising = view.rising
+    rising = rising[~false.ravel()[cloud.pixels[rising]]]
     return clustering.cluster(
         upright[rising],
         cloud.sigma[rising],

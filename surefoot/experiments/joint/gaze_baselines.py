@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from perception.obstacles.tracker import TrackerConfig
 from perception.primitives.gaussian import deviation
 from perception.primitives.landmark import Landmark
 from perception.primitives.obstacle import MOVING, Obstacle
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 DETECTION_M = 0.02  # standard deviation of a detection
 NEAR_M = 2.0  # movers within this distance count
 OBLIQUE_RAD = math.radians(65.0)  # greatest viewing angle at which a tag is decoded
-LOST_M = 0.8  # deviation of a mover without a track; larger ones count as this
+LOST_M = TrackerConfig().largest_sigma_m  # of a mover without a track
 
 
 class RandomGaze:
@@ -148,7 +149,7 @@ class OracleGaze(BaselineGaze):
             clear = self._truth.free_m(true, place[None], without=k)[0] > away
             near = [o for o in obstacles if np.hypot(*(o.position - place)) < 3.0 * radius]
             sigmas = [deviation(o.state.covariance[:2, :2]) for o in near]
-            sigma = min([*sigmas, LOST_M])
+            sigma = min(sigmas, default=LOST_M)
             reduced = max(sigma - DETECTION_M, 0.0) / LOST_M
             worth.append(reduced if clear and away < NEAR_M else 0.0)
         total += self.of_points(known, movers[:, :2], np.array(worth))

@@ -40,7 +40,6 @@ from ..support.course_runner import course_config, published
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.geometric_perception import GeometricPerception
 from ..support.trials import run_trials
-from .gaze_baselines import LOST_M
 
 SCENE = "course"
 WALKER = "walker"  # seed 001's gaze and motion, `univector.mode` "seed"
@@ -139,14 +138,15 @@ def _measures(
     assert world.pose is not None
     assert perception.grid is not None
     assert perception.confidence is not None
+    lost = config.tracker.largest_sigma_m
     near, off = [], []
     for x, y, radius in perception.discs[:movers]:
         if math.hypot(x - true.x, y - true.y) > NEAR_M:
             continue
         tracks = [o for o in world.tracks if np.hypot(*(o.position - (x, y))) < 3.0 * radius]
         sigmas = [deviation(o.state.covariance[:2, :2]) for o in tracks]
-        near.append(min([*sigmas, LOST_M]))
-        off.append(min((float(np.hypot(*(o.position - (x, y)))) for o in tracks), default=LOST_M))
+        near.append(min(sigmas, default=lost))
+        off.append(min((float(np.hypot(*(o.position - (x, y)))) for o in tracks), default=lost))
     region = config.gaze.map
     _, confidence = sample_region(perception.grid, perception.confidence, world.pose, region)
     return (
