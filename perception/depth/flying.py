@@ -16,7 +16,9 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 from ..primitives.camera import Camera
+from ..primitives.frame import Depth
 from . import _flying_kernels
+from .points import Points
 
 GRAZE_DEG = 3.0
 """Ours: surfaces seen at a smaller angle count as edges; a camera 0.4 m high sees the floor at 3 m at 7.6 deg."""
@@ -38,3 +40,11 @@ def flying(
     off = np.float32(OFF_SIGMAS) * sigma_m
     _flying_kernels.between(depth, off, steep / camera.fx, steep / camera.fy, found)
     return found
+
+
+def without_flying(points: Points, depth: Depth) -> Points:
+    """Points of a depth image that are not of flying pixels.
+
+    The search for the floor and odometry use all points: of a small image the test takes true edges, too.
+    """
+    return points.of(~flying(depth.z, depth.sigma, depth.camera).ravel()[points.pixels])

@@ -244,23 +244,26 @@ class ObstacleTracker:
         """Tracks without a detection that overlap a truncated one.
 
         Returns:
-            Track index to the nearest truncated detection that is small enough; None if all are larger.
+            Track index to the nearest truncated detection that is small enough; None if all are larger, or if that
+            one is nearer to another track.
         """
         if not truncated:
             return {}
         places = _in_world(truncated, robot)
         radii = np.array([part.radius_m for part in truncated])
         found: dict[int, Detection | None] = {}
+        nearest: dict[int, tuple[float, int]] = {}
         for index, record in enumerate(self._records):
             gap, radius = np.hypot(*(places - record.track.state.mean[:2]).T), record.track.radius_m
             over = gap < radii + radius
             if index in seen or not over.any():
                 continue
-            own = over & (radii <= PART_SHARE * radius)
-            found[index] = (
-                truncated[int(np.argmin(np.where(own, gap, np.inf)))] if own.any() else None
-            )
-        return found
+            found[index] = None
+            own = np.where(over & (radii <= PART_SHARE * radius), gap, np.inf)
+            part = int(np.argmin(own))
+            if own[part] < nearest.get(part, (np.inf, 0))[0]:
+                nearest[part] = float(own[part]), index
+        return found | {index: truncated[part] for part, (_, index) in nearest.items()}
 
     def _parts(
         self, detections: Sequence[Detection], taken: set[int], robot: Gaussian

@@ -7,7 +7,7 @@ import numpy as np
 from mapping.objects import footprints
 from mapping.objects.footprints import Footprint
 from perception.depth import points
-from perception.depth.flying import flying
+from perception.depth.flying import without_flying
 from perception.floor import classify
 from perception.floor.classify import ClassConfig
 from perception.floor.levelling import camera_above_floor
@@ -75,14 +75,13 @@ def find_obstacles(
             return None
         floor, plane = found.plane, found.among_points
     assert plane is not None
+    cloud = without_flying(cloud, depth)
     classes = classify.classify(cloud, plane, ClassConfig(robot_height_m=height_m))
     T_floor_camera = camera_above_floor(floor)
     upright = T_floor_camera.apply(cloud.xyz)
     upright[:, 2] = floor.distance(cloud.xyz)
     view = SegmentedView("depth", depth, cloud, classes, floor, None, T_floor_camera, upright)
-    false = flying(depth.z, depth.sigma, camera)
     rising = view.rising
-    rising = rising[~false.ravel()[cloud.pixels[rising]]]
     return clustering.cluster(
         upright[rising],
         cloud.sigma[rising],

@@ -16,6 +16,7 @@ import numpy as np
 
 from mapping.io.clouds import CloudBuilder
 from perception.depth import points
+from perception.depth.flying import without_flying
 from perception.depth.health import DepthHealth
 from perception.depth.sources import DepthSources
 from perception.estimate import Estimate
@@ -191,6 +192,7 @@ class Pipeline:
         placed = self.pose_source.place(depth.T_body_camera, None if floor is None else floor.plane)
         if placed is None:
             return None
+        cloud = without_flying(cloud, depth)
         upright = placed.T_map_camera.apply(cloud.xyz)
         upright[:, 2] = placed.floor.distance(cloud.xyz)
         return SegmentedView(

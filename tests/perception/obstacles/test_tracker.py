@@ -299,6 +299,20 @@ def test_truncated_furniture_keeps_a_track_but_does_not_update_it():
     assert np.linalg.norm(after.position - before.position) < 0.01
 
 
+def test_a_truncated_detection_updates_only_the_nearest_track():
+    """What stood at the first place is gone from view, and something else stands 0.2 m beside it."""
+    tracker = ObstacleTracker()
+    for k in range(6):
+        tracker.update(0.3 * k, [seen_at(1.0, 0.0, radius_m=0.2)], SURE)
+    for k in range(6, 12):
+        tracker.update(0.3 * k, [seen_at(1.0, 0.2, radius_m=0.2)], SURE)
+    before, _ = tracker.obstacles
+    tracker.update(3.6, [], SURE, truncated=[seen_at(1.0, 0.2, radius_m=0.2)])
+    left, shown = tracker.obstacles
+    assert left.seen_s == before.seen_s < shown.seen_s == 3.6
+    assert np.linalg.norm(left.position - before.position) < 0.01
+
+
 def test_a_single_detection_is_not_reported():
     tracker = ObstacleTracker()
     tracker.update(0.0, [seen_at(1.0, 0.0)], SURE)

@@ -157,10 +157,10 @@ def test_a_bare_floor_of_a_bent_depth_image_has_no_obstacles():
     assert [tracks for _, tracks in found if tracks] == []
 
 
-@pytest.mark.parametrize("jump_m", [0.06, 0.2])
-def test_a_jump_of_the_given_poses_makes_no_mover(jump_m):
+@pytest.mark.parametrize(("jump_m", "seed"), [(0.06, 2), (0.2, 2), (0.2, 4), (0.2, 6)])
+def test_a_jump_of_the_given_poses_makes_no_mover(jump_m, seed):
     found = process(
-        lambda t: ROOM, orbit, 10.0, 2, lambda t: np.array([0.0, jump_m * (t > 5.0), 0.0])
+        lambda t: ROOM, orbit, 10.0, seed, lambda t: np.array([0.0, jump_m * (t > 5.0), 0.0])
     )
     assert claimed(found) == set()
 
