@@ -25,7 +25,7 @@ from . import flow_chart, hough, ransac
 from .hough import HoughConfig
 from .prior import gate
 from .refine import LEAST_POINTS, Fit, RefineConfig, core_without_bend, fuse, mixed, refine
-from .sample import ScoreConfig, draw
+from .sample import Sample, ScoreConfig, draw
 
 METHODS = ("ransac", "hough", "printed")
 MOST_POINTS = 40_000  # ours: more points do not improve the fit
@@ -46,6 +46,9 @@ CONFIDENCE = 0.999  # ours: of the chi-square test against the prior
 DOUBT = 2.0
 """Ours: squared distance from the prior, in standard deviations, beyond which other planes are tried; one that is nearer by
 as much, a factor e of likelihood, is the floor. A ramp ahead fills more of the image than the floor before it."""
+OWN_SHARE = (
+    0.1  # ours: of the sample, on that other plane alone; a tilted copy of the first has up to .06
+)
 
 
 @dataclass(frozen=True)
@@ -120,6 +123,7 @@ def find(
         return None if printed is None else _floor(printed, printed.plane)
     searched = gate(prior, GATE_SIGMAS, math.radians(MOST_TILT_DEG), LEAST_HEIGHT_M)
     sample = draw(points, prior, searched, rng, config.sample)
+    whole = sample
     best: Floor | None = None
     flank, nearest = 0.0, math.inf
     for _ in range(PLANES):
@@ -134,7 +138,10 @@ def find(
         fit = _fitted(points, start, prior, config, sensor, doubted=best is not None)
         explained = fit is not None and explains(points, fit, config)
         found = _verified(fit, prior) if fit is not None and explained else None
-        if found is not None and (best is None or _is_nearer(*found, nearest)):
+        if found is not None and (
+            best is None
+            or (found[1] < nearest - DOUBT and _is_other(found[0], best, whole, config.sample))
+        ):
             best, nearest = found
         if nearest <= DOUBT:
             break
@@ -148,9 +155,11 @@ def find(
     return best
 
 
-def _is_nearer(floor: Floor, distance: float, nearest: float) -> bool:
-    """Whether the prior clearly prefers a plane to the one found before it."""
-    return floor.share >= LEAST_SHARE and distance < nearest - DOUBT
+def _is_other(floor: Floor, best: Floor, sample: Sample, config: ScoreConfig) -> bool:
+    """Whether a plane is another one than the best before it: enough points are on it and not on that one."""
+    rest = sample.without(best.among_points, config)
+    own = rest.size - rest.without(floor.among_points, config).size
+    return own >= OWN_SHARE * sample.size
 
 
 def _fitted(

@@ -249,6 +249,25 @@ def test_the_floor_before_a_ramp_is_chosen_and_not_the_larger_ramp(look, ramp_de
     assert found.plane.angle_to(room.floor) < np.radians(ramp_deg) / 2.0
 
 
+def test_a_floor_that_the_prior_doubts_is_not_given_up_for_a_tilted_copy_of_it(look, config):
+    tilt = np.radians(1.2)
+    for seed in range(60, 80):
+        rng = np.random.default_rng([seed, 5])
+        height, pitch = rng.uniform(0.4, 1.3), rng.uniform(20.0, 45.0)
+        room = look(seed, height, pitch, CRATES[: seed % 3], reach_m=3.0)
+        for sigmas in (2.5, 3.3):
+            heading, (first, second) = rng.uniform(0.0, 2.0 * np.pi), room.floor.tangents
+            aside = np.cos(heading) * first + np.sin(heading) * second
+            normal = room.floor.normal + sigmas * tilt * aside
+            prior = Plane(
+                normal / np.linalg.norm(normal),
+                room.floor.offset_m,
+                np.diag([tilt**2, tilt**2, 0.01**2]),
+            )
+            found = find(room.points, prior, np.random.default_rng(seed), config)
+            assert found is None or off(found.among_points, room.floor)[0] < 0.3
+
+
 @pytest.mark.parametrize("sensor", ["tof", "stereo", "depth"])
 def test_the_covariance_covers_a_random_bend_of_each_sensor(look, sensor):
     distortion = FloorConfig().distortion.of(sensor)
