@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mapping.objects import footprints
 from mapping.objects.footprints import Footprint
 from perception.depth import points
 from perception.depth.flying import without_flying
+from perception.depth.reach import ReachesConfig
 from perception.floor import classify
 from perception.floor.classify import ClassConfig
 from perception.floor.levelling import camera_above_floor
@@ -40,7 +43,7 @@ def find_obstacles(
     """Objects that rise from the floor in a depth image, the nearest first.
 
     Positions are in the frame on the floor straight below the camera: x where the camera looks, y to the left,
-    z up from the floor, m.
+    z up from the floor, m. Of an image of 160 columns or more every second row and column is used, as by `process`.
 
     Args:
         depth_m: (h, w), depth along the optical axis, m, as for `find_floor`.
@@ -55,7 +58,7 @@ def find_obstacles(
 
     Returns:
         Clusters with `centre` (2,) and `covariance` (2, 2) of the covering disc, m and m^2, its `radius_m`,
-        `height_m` above the floor, `points`, and the rectangle `footprint` of the visible part. Where `placed`
+        `height_m` above the floor, the number of its `points`, and the rectangle `footprint` of the visible part. Where `placed`
         is False the object is cut off by the image, by the range or by something nearer, and its centre is only
         that of the visible part. An empty list if there are no obstacles; None if no floor is found.
 
@@ -66,8 +69,9 @@ def find_obstacles(
     """
     depth = checks.depth_image(depth_m, camera, scale_per_metre, sigma_m)
     height_m = checks.positive(robot_height_m, "robot_height_m")
-    reach = checks.reach(nearest_m, farthest_m)
-    cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m)
+    stride = ReachesConfig().of("depth", camera.width).stride
+    reach = replace(checks.reach(nearest_m, farthest_m), stride=stride)
+    cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, stride)
     floor = plane = checks.optional(floor, Plane, "floor")
     if floor is None:
         found = search(cloud, depth, up, seed)
@@ -91,7 +95,7 @@ def find_obstacles(
         uppermost=uppermost(view, cloud.of(rising)),
         lowermost=lowermost(view, cloud.of(rising), reach),
         sensor_height_m=floor.offset_m,
-        pitch_rad=1.0 / camera.fy,
+        pitch_rad=stride / camera.fy,
     )
 
 
