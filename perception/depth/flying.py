@@ -23,6 +23,7 @@ from .points import Points
 GRAZE_DEG = 3.0
 """Ours: surfaces seen at a smaller angle count as edges; a camera 0.4 m high sees the floor at 3 m at 7.6 deg."""
 OFF_SIGMAS = 3.0  # ours: distance of a flying pixel from both of its neighbours
+OWN_DEG = 10.0  # ours: a surface seen at this angle has rows so far apart that its last one is away from both
 
 
 def flying(
@@ -37,8 +38,9 @@ def flying(
     """
     found = np.zeros(depth.shape, np.bool_)
     steep = 1.0 / math.tan(math.radians(GRAZE_DEG))
+    own = 1.0 / (math.tan(math.radians(OWN_DEG)) * steep)
     off = np.float32(OFF_SIGMAS) * sigma_m
-    _flying_kernels.between(depth, off, steep / camera.fx, steep / camera.fy, found)
+    _flying_kernels.between(depth, off, steep / camera.fx, steep / camera.fy, own, found)
     return found
 
 

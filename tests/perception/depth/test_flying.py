@@ -51,3 +51,14 @@ def test_a_grazing_floor_is_kept():
     z = np.where(below > 0.0, 0.4 / np.maximum(below, 1e-9), np.nan)
     z = np.where(z < 3.0, z, np.nan)
     assert not found_in(np.tile(z[:, None], (1, 320))).any()
+
+
+@pytest.mark.parametrize("width", [64, 160, 512])
+def test_the_last_row_of_a_top_is_kept(width):
+    """A top 0.4 m below the camera, seen at 12 to 21 deg, before a wall: its rows are far apart in depth."""
+    camera = Camera.from_view(width, width * 3 // 4, np.radians(60.0), np.radians(46.8))
+    down = (np.arange(camera.height) - camera.cy) / camera.fy
+    z = 0.4 / np.maximum(down, 1e-9)
+    z = np.where(z > 1.9, 3.0, np.maximum(z, 1.0))
+    z = np.tile(z[:, None], (1, width)).astype(np.float32)
+    assert not flying(z, np.full(z.shape, 0.001, np.float32), camera).any()
