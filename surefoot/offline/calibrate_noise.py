@@ -166,9 +166,10 @@ def _settings(
     sigma = np.array([one.sigma for one in found.noise])
     if sensor == "depth":
         model = config.structured_light
-        constant, growth, _ = found.growth((z - model.start_m) ** 2)
+        squares = (z - model.start_m) ** 2
+        constant, growth, _ = found.growth(squares)
         if math.isnan(growth):
-            ratio = float(np.median([one.sigma / one.claimed for one in found.noise]))
+            ratio = float(np.median(sigma / (model.floor_m + model.growth_per_m * squares)))
             constant, growth = ratio * model.floor_m, ratio * model.growth_per_m
             remarks.append(
                 f"growth of noise not told: all surfaces are between {z.min():.1f} and {z.max():.1f} m; both "

@@ -19,6 +19,34 @@ def test_noise_matches_the_published_values():
     np.testing.assert_allclose(seen.sigma, [[0.0012, 0.0031, 0.0088, 0.0316]], rtol=1e-5)
 
 
+def sloping(size: tuple[int, int], times: float, seed: int = 0) -> tuple[np.ndarray, Camera]:
+    """A plane seen at a slant with a box before it, with some times the published noise, m."""
+    width, height = size
+    v, u = np.mgrid[:height, :width]
+    z = 1.0 / (0.3 + 0.6 * v / height + 0.1 * u / width)
+    z[height // 3 : height // 2, width // 3 : width // 2] = 0.9
+    sigma = 0.0012 + 0.0019 * (z - 0.4) ** 2
+    noisy = z + times * sigma * np.random.default_rng(seed).standard_normal(z.shape)
+    return noisy.astype(np.float32), Camera(width, height, width, width, width / 2, height / 2)
+
+
+@pytest.mark.parametrize("times", [1.6, 3.0, 8.0])
+@pytest.mark.parametrize("size", [(64, 48), (640, 480)])
+def test_an_image_that_is_noisier_than_the_model_has_its_own_noise(times, size):
+    z, camera = sloping(size, times)
+    ratio = depth(DepthView(z, camera)).sigma / (0.0012 + 0.0019 * (z - 0.4) ** 2)
+    assert np.median(ratio) == pytest.approx(times, rel=0.1)
+
+
+@pytest.mark.parametrize("times", [0.0, 0.5, 1.0])
+def test_an_image_with_the_noise_of_the_model_or_less_keeps_that_of_the_model(times):
+    z, camera = sloping((320, 240), times)
+    steps = np.round(z, 2)  # quantised to a centimetre
+    for image in (z, steps):
+        ratio = depth(DepthView(image, camera)).sigma / (0.0012 + 0.0019 * (image - 0.4) ** 2)
+        np.testing.assert_allclose(ratio, 1.0, rtol=1e-4)
+
+
 def test_invalid_depth_is_nan_and_the_pose_is_kept():
     pose = Pose3((0.0, 0.0, 0.4))
     view = DepthView(np.array([[0.0, -1.0, np.nan, np.inf]], dtype=np.float32), CAMERA, pose)

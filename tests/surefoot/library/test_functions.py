@@ -51,6 +51,18 @@ def test_the_floor_is_the_true_plane_within_its_covariance(up):
         assert found.offset_m == pytest.approx(HEIGHT_M, abs=0.01)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_the_floor_of_a_camera_with_eight_times_the_noise_is_found(seed):
+    rng, true = np.random.default_rng(seed), surefoot.Plane(UP, HEIGHT_M)
+    depth = scene(noise=False)
+    depth = depth + 8.0 * (0.0012 + 0.0019 * (depth - 0.4) ** 2) * rng.normal(size=depth.shape)
+    found = surefoot.find_floor(depth, CAMERA)
+    assert found is not None
+    error = found.error_to(true)
+    assert error @ np.linalg.solve(found.covariance, error) < 16.3  # chi-square, 3, 0.999
+    assert found.angle_to(true) < math.radians(1.0)
+
+
 @pytest.mark.parametrize(
     ("calibrated", "kind"),
     [(True, CALIBRATED_DISTORTION.depth), (False, DistortionConfig().depth)],

@@ -68,6 +68,23 @@ def test_what_the_recording_does_not_tell_is_said(bare_floor, tmp_path):
     assert "+-" not in shown
 
 
+def test_noise_at_one_distance_scales_the_model(tmp_path):
+    """A wall 1.2 m ahead, with four times the published noise there."""
+    folder = tmp_path / "wall"
+    (folder / "depth").mkdir(parents=True)
+    rng = np.random.default_rng(0)
+    for number in range(4):
+        z = 1.2 + 4.0 * (0.0012 + 0.0019 * 0.8**2) * rng.normal(size=(120, 160))
+        cv2.imwrite(str(folder / "depth" / f"{number:06d}.png"), np.rint(1e4 * z).astype(np.uint16))
+    (folder / "recording.toml").write_text("rate_hz = 30.0\n" + CAMERA + DEPTH)
+    code, shown = call("calibrate-noise", folder, "--out", tmp_path / "sensor.toml")
+    assert code == 0, shown
+    assert "growth of noise not told" in shown
+    noise = tomllib.loads((tmp_path / "sensor.toml").read_text())["structured_light"]
+    assert noise["floor_m"] == pytest.approx(4.0 * 0.0012, rel=0.1)
+    assert noise["growth_per_m"] == pytest.approx(4.0 * 0.0019, rel=0.1)
+
+
 def test_an_existing_file_is_not_overwritten(bare_floor, tmp_path):
     out = tmp_path / "sensor.toml"
     out.write_text("seed = 1\n")
