@@ -11,6 +11,7 @@ Source: ours.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float32
@@ -50,3 +51,9 @@ def without_flying(points: Points, depth: Depth) -> Points:
     The search for the floor and odometry use all points: of a small image the test takes true edges, too.
     """
     return points.of(~flying(depth.z, depth.sigma, depth.camera).ravel()[points.pixels])
+
+
+def without_flying_pixels(depth: Depth) -> Depth:
+    """A depth image with NaN at its flying pixels."""
+    off = flying(depth.z, depth.sigma, depth.camera)
+    return replace(depth, z=np.where(off, np.float32(np.nan), depth.z))

@@ -13,7 +13,7 @@ from mapping.surface.background import Background
 from mapping.surface.meshes import save_mesh
 from mapping.surface.surface_map import surface_map
 from mapping.surface.traversability import save_layers, save_nav2, traversability
-from perception.depth.flying import without_flying
+from perception.depth.flying import without_flying_pixels
 from perception.depth.points import from_depth
 from perception.floor import classify
 from perception.floor.segmented_view import sees_through
@@ -41,6 +41,7 @@ class Fusion:
 
     def add(self, image: PlacedImage, number: float) -> None:
         """Fuse an image; `number` counts the frames."""
+        image = image._replace(depth=without_flying_pixels(image.depth))
         self._surface.integrate(image.depth, image.T_map_camera, image.rgb)
         add_to_map(self._world, image, number, self._config)
         self._moments.add(
@@ -81,7 +82,6 @@ def add_to_map(world: WorldMap, image: PlacedImage, stamp_s: float, config: Conf
     """Add an image to the map of the whole run, as the pipeline does with its views."""
     reach = config.reach.of(image.sensor, image.depth.camera.width)
     points = from_depth(image.depth, reach.nearest_m, reach.farthest_m, reach.stride)
-    points = without_flying(points, image.depth)
     below = image.floor.moved(image.T_map_camera.inverse())
     classes = classify.classify(points, below, config.classes)
     used = classes != classify.OVERHANG
