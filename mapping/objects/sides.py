@@ -1,10 +1,11 @@
 """Sides of an outline: which of them were seen, and how well their places are known.
 
-A side was seen where columns lie on it that were seen from its outer side, over at least half of its length. The
-variance of its place has three parts: the uncertainty of the pose from which it was seen, which all its points share; the
-noise of its points, which averages over the length of the side; and the bias of a face in fused depth. Opposite sides
-share the uncertainty of the pose as far as both have it, because poses drift: what is added between two of them is the
-difference of their variances. The shared part moves a box and leaves its size alone.
+A side was seen where parts of vertical faces lie on it that were seen from its outer side, over at least half of its
+length. Where only a top ends, the picture may have ended. The variance of its place has three parts: the uncertainty of
+the pose from which it was seen, which all its points share; the noise of its points, which averages over the length of
+the side; and the bias of a face in fused depth. Opposite sides share the uncertainty of the pose as far as both have it,
+because poses drift: what is added between two of them is the difference of their variances. The shared part moves a box
+and leaves its size alone.
 
 Source: ours.
 """
@@ -79,7 +80,7 @@ def sides_of(ring: Ring, columns: Columns) -> Sides:
         near = (np.abs(off) <= NEAR_M) & (along >= 0.0) & (along <= length)
         front = towards @ outward > 0.0
         front |= np.isnan(towards).any(axis=1)
-        near &= front
+        near &= front & columns.upright
         strips = np.unique(np.floor(along[near] / (2 * CELL_M))).size
         if strips < SEEN_SHARE * math.ceil(length / (2 * CELL_M)):
             continue

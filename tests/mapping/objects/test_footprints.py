@@ -154,6 +154,17 @@ def test_a_box_seen_from_one_side_is_the_strip_that_was_seen():
     assert found.seen.sum() == 1
 
 
+@pytest.mark.parametrize("slope", [-0.6, 0.0, 0.6])
+def test_where_the_picture_ends_is_no_side_that_was_seen(slope):
+    """The near part of a box is below the picture: its top ends at a line across it, its sides are elsewhere."""
+    points = box(np.random.default_rng(5), (0.8, 0.5, 0.4), "top")
+    points = points[points[:, 1] > slope * points[:, 0]]
+    (found,) = find(from_(points, (0.0, -2.0)))
+    for k in np.flatnonzero(found.seen):
+        x, y = np.abs(found.outline[k] + found.outline[(k + 1) % len(found.outline)]) / 2
+        assert min(abs(x - 0.4), abs(y - 0.25)) < 3.0 * found.sigma_m[k]
+
+
 def test_two_walls_of_a_room_are_two_walls():
     rng = np.random.default_rng(3)
     walls = [side(rng, (0.0, 0.0), (2.0, 0.0)), side(rng, (0.0, 0.0), (0.0, 1.5))]
