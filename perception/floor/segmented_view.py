@@ -30,8 +30,11 @@ HIDING_SHARE = 0.02  # of the image width: distance in the image from an occludi
 NEAR_M = 0.03  # of points this close to the least depth, the front may be missing
 BESIDE_M = 0.04  # distance beside a border point at which another view must have a depth
 CUT_M = 0.10  # least depth step of an occlusion; distance from the largest depth used
-WHOLE, CUT = -1, -2
-"""A point at which nothing ends, and one at which its object ends."""
+HOLE_M, HOLE_KNOWN = 0.15, 0.2
+"""Ours: least width of a hole in the depth of a stereo pair, at the depth of the point beside it, and the share of its
+pixels that may have a depth. The shadow beside an object, which one camera alone sees, is at most as wide as the baseline."""
+WHOLE, CUT, HOLE = -1, -2, -3
+"""A point at which nothing ends, one at which its object ends, and one beside a hole."""
 MOVES = 0.5  # ours: probability from which the map treats an obstacle as moving
 MARGIN_M = 0.06  # ours: position error of a track and noise of the points
 BEHIND_M = 0.05  # ours: beside its noise, how much farther a depth is that shows a point to be free
@@ -90,7 +93,9 @@ def truncated(
 
     Returns:
         For each point `WHOLE`, `CUT`, or the index of the nearer point beside it: the object ends there unless both
-        points are its own. An edge has mixed pixels behind it, which are of the same object.
+        points are its own. An edge has mixed pixels behind it, which are of the same object. `HOLE` where a
+        stereo pair has no depth to its left or right: without texture the object may go on there. Other sensors have
+        no depth where there is nothing in range.
     """
     camera, depth = view.depth.camera, view.depth
     image = _upright(view, points)
@@ -108,6 +113,10 @@ def truncated(
     z = points.xyz[:, 2]
     ends = (z < reach.nearest_m + NEAR_M) | (z > reach.farthest_m - CUT_M)
     found = _hiders(image, reach.stride)
+    for side in (-1, 1) if depth.baseline_m > 0.0 else ():
+        hole = np.flatnonzero((found == WHOLE) & _beside_hole(view, image, z, side))
+        beyond = points.xyz[hole] + side * BESIDE_M * image.right
+        found[hole[~_has_depth(view.T_map_camera.apply(beyond), others)]] = HOLE
     found[border | ends] = CUT
     return found
 
@@ -160,6 +169,21 @@ def _upright(view: SegmentedView, points: Points) -> _Upright:
         right, down = down, -right
         height, width = width, height
     return _Upright(np.rot90(view.depth.z, turns), row, column, right, down)
+
+
+def _beside_hole(
+    view: SegmentedView, image: _Upright, z: Float[np.ndarray, "n"], side: int
+) -> Bool[np.ndarray, "n"]:
+    """Which points, at depth z, have hardly any depth beside them, to the left (-1) or the right (1)."""
+    height, width = image.z.shape
+    known = np.zeros((height, width + 1), np.int32)
+    np.cumsum(np.isfinite(image.z), axis=1, out=known[:, 1:])
+    reach_px = max(HOLE_M, view.depth.baseline_m) * view.depth.camera.fx / z
+    first = image.column + (side > 0)
+    last = np.clip((first + side * reach_px).astype(np.int64), 0, width)
+    count = np.abs(known[image.row, last] - known[image.row, first])
+    pixels = np.abs(last - first)  # few where the image border is near: it cuts, not a hole
+    return np.asarray((pixels >= 0.5 * reach_px) & (count <= HOLE_KNOWN * pixels))
 
 
 def _hiders(image: _Upright, stride: int) -> Int[np.ndarray, "n"]:

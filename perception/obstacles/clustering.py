@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
-from ..floor.segmented_view import CUT
+from ..floor.segmented_view import CUT, HOLE
 from ..primitives.errors import ConfigError, InputError
 from ..primitives.settings import setting
 from . import circle_fit
@@ -35,6 +35,8 @@ ENOUGH = 1000  # points of a cluster that its measurement uses at most
 CELL_POINTS = 3.0  # ours: least points in a cell, scaled to 2 m; fewer are flying pixels
 COARSE_RAD = 1 / 130  # ours: angle between two pixels; in coarser images a cell needs fewer points
 TRUNCATED_POINTS = 3  # ours: points at a truncation that make a cluster truncated
+OUTER, UNSEEN = 0.05, 0.5
+"""Ours: share of the points of an object that are its left or right end, and of these beside a hole if it is not seen."""
 FRONT_M = 0.05  # ours: a front rises more than this within this depth
 HIDDEN_M = 1.0  # ours: standard deviation along the ray of a centre whose front is not seen
 MERGED_M = 0.7  # ours: a longer cluster may be several objects
@@ -191,6 +193,7 @@ def cluster(
         cut_below = lowermost is not None and int(lowermost[mine].sum()) >= TRUNCATED_POINTS
         mine = mine[:: max(len(mine) // ENOUGH, 1)]
         members = points[mine]
+        whole &= truncated is None or not _ends_in_hole(truncated[mine], members, sensor_xy)
         height = float(np.quantile(members[:, 2], 0.99))
         band = 0.0 if floor_band is None else float(np.mean(floor_band[mine]))
         if height < max(config.least_height_m, band):
@@ -213,6 +216,22 @@ def _ends(
     beside = truncated[mine]
     hider = np.where(beside >= 0, beside, mine)
     return int(np.count_nonzero((beside == CUT) | (labels[hider] != labels[mine])))
+
+
+def _ends_in_hole(
+    truncated: Int[np.ndarray, "n"],
+    members: Float[np.ndarray, "n 3"],
+    sensor_xy: Float[np.ndarray, "2"],
+) -> bool:
+    """Whether the left or the right end of an object is not seen, since there is no depth beside most of it."""
+    hole = truncated == HOLE
+    if not hole.any():
+        return False
+    away = members[:, :2] - sensor_xy
+    middle = away.mean(axis=0)
+    across = away @ np.array([-middle[1], middle[0]])
+    left, right = np.quantile(across, (OUTER, 1.0 - OUTER))
+    return bool(max(hole[across <= left].mean(), hole[across >= right].mean()) > UNSEEN)
 
 
 def _front_seen(members: Float[np.ndarray, "n 3"], sensor_xy: Float[np.ndarray, "2"]) -> bool:

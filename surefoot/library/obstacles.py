@@ -38,6 +38,7 @@ def find_obstacles(
     sigma_m: ArrayLike | None = None,
     nearest_m: float = 0.3,
     farthest_m: float = 4.0,
+    baseline_m: float | None = None,
     seed: int = 0,
 ) -> list[Cluster] | None:
     """Objects that rise from the floor in a depth image, the nearest first.
@@ -54,13 +55,15 @@ def find_obstacles(
         scale_per_metre: Units per metre of an integer image.
         sigma_m: Standard deviation of depth, as for `find_floor`.
         nearest_m, farthest_m: Depths outside this range are not used.
+        baseline_m: Distance of the cameras if a stereo pair measured the depth, as `stereo_depth` does, m. Objects
+            that may go on where the pair has no depth are then not `placed`.
         seed: Of the search for the floor.
 
     Returns:
         Clusters with `centre` (2,) and `covariance` (2, 2) of the covering disc, m and m^2, its `radius_m`,
         `height_m` above the floor, the number of its `points`, and the rectangle `footprint` of the visible part. Where `placed`
-        is False the object is cut off by the image, by the range or by something nearer, and its centre is only
-        that of the visible part. An empty list if there are no obstacles; None if no floor is found.
+        is False the object is cut off by the image, by the range, by something nearer or by a hole, and its centre is
+        only that of the visible part. An empty list if there are no obstacles; None if no floor is found.
 
     Raises:
         InputError: The image has the wrong shape or type, or an argument is impossible.
@@ -68,6 +71,8 @@ def find_obstacles(
     Source: seed 003, section 3 (classes of points); clusters and their covariance are ours.
     """
     depth = checks.depth_image(depth_m, camera, scale_per_metre, sigma_m)
+    if baseline_m is not None:
+        depth = replace(depth, baseline_m=checks.positive(baseline_m, "baseline_m"))
     height_m = checks.positive(robot_height_m, "robot_height_m")
     stride = ReachesConfig().of("depth", camera.width).stride
     reach = replace(checks.reach(nearest_m, farthest_m), stride=stride)

@@ -143,6 +143,31 @@ def test_a_box_on_the_floor_is_found_at_its_place():
     np.testing.assert_allclose(again[0].centre, box.centre, atol=0.01)
 
 
+@pytest.mark.parametrize(
+    ("kept", "lost", "placed"),
+    [
+        ((0.15, 0.2), (-0.3, 0.3), False),  # a strip of its front alone, nothing beside it
+        ((-0.2, 0.1), (-0.3, 0.3), False),  # without its right end
+        ((-0.2, 0.2), (-0.3, 0.2), True),  # the shadow of a pair of cameras 0.1 m apart on its left
+        ((-0.2, 0.2), None, True),  # nothing behind it in range, but floor in front of that
+    ],
+)
+def test_an_object_whose_end_lies_in_a_hole_of_the_depth_is_not_placed(kept, lost, placed):
+    """A hole wider than the cameras are apart is no shadow: the object may go on in it."""
+    depth = scene()
+    rays = CAMERA.rays @ head_rotation(0.0, TILT_RAD).T
+    hit = BOX[0] / rays[..., 0]
+    right, z = -hit * rays[..., 1], HEIGHT_M + hit * rays[..., 2]
+    level = (z > 0.0) & (z < BOX[2])
+    if lost is None:
+        depth[depth > 2.2] = np.nan
+    else:
+        depth[level & (right > lost[0]) & (right < lost[1])] = np.nan
+    depth = np.where(level & (right > kept[0]) & (right < kept[1]), hit, depth)
+    (found,) = surefoot.find_obstacles(depth, CAMERA, baseline_m=0.1)
+    assert found.placed == placed
+
+
 def test_no_obstacles_on_an_empty_floor():
     assert surefoot.find_obstacles(scene(), CAMERA) == []
 
