@@ -1,12 +1,15 @@
 """How one obstacle is used to move: how often it turns, stops and curves, how long it pauses, how fast it goes.
 
-All of it is learnt from the obstacle itself, from priors that are wide enough for anything that moves. Turns and starts
-are not events that a detection shows; they are counted by the probability of the mode `turned`.
+All of it is learnt from the obstacle itself, from priors that are wide enough for anything that moves. Rooms set the way
+between turns, not the time: what is faster turns and stops more often. Turns and starts are not events that a detection
+shows; they are counted by the probability of the mode `turned`.
 
 Source: ours; rates are means of gamma distributions, the conjugate prior of a rate.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +21,7 @@ STILL_S = 60.0  # ours: a wide prior; until a still obstacle goes, before it has
 PARKED_S = 10.0  # ours: a wide prior; of standing after which a pausing obstacle is still
 PAUSE_S = 3.0  # ours: a wide prior; until a pausing obstacle goes on, before any pause is seen
 EVENTS = 0.25  # ours: weak; turns, stops and starts that the prior of their rates is worth
-HABIT_S = 60.0  # ours: a wide prior; until a moving obstacle turns, and until it pauses, before it has shown either
+HABIT_M = 6.4  # ours: a wide prior; way at the usual speed until a moving obstacle turns, and until it pauses, before it has shown either
 CURVE_S = 30.0  # ours: a wide prior; between straight and curving, if it does both as often
 SETTLE_S = 1.0  # ours: a wide prior; until a new velocity counts as straight or curving
 SPEED_S = 2.0  # ours: a wide prior; time in motion that the prior speed is worth
@@ -32,8 +35,9 @@ class Habits:
 
     def __init__(self, speed_sigma_mps: float) -> None:
         """Know nothing but the usual speed per axis, m/s."""
+        usual_mps = math.sqrt(2.0) * speed_sigma_mps
         self._turns = self._starts = EVENTS
-        self._moved_s, self._paused_s = EVENTS * HABIT_S, EVENTS * PAUSE_S
+        self._moved_s, self._paused_s = EVENTS * HABIT_M / usual_mps, EVENTS * PAUSE_S
         self._stood_s = STILL_S
         self._straight_s = self._curved_s = CURVE_S
         self._square, self._square_s = 2.0 * speed_sigma_mps**2, SPEED_S

@@ -60,7 +60,7 @@ UNSURE = 0.5  # largest probability of moving without proof
 PROOF = 3.0  # ours: about log(20), likelihood ratio that proves motion; noise often reaches a lower one for an instant
 STRAY_PER_M2 = 1.0  # ours: density of stray detections
 NEW_PER_M2 = 0.02  # ours: density of new obstacles per frame
-RADIUS_SIGMA_M = 0.012  # ours: of the radius between two complete views of an obstacle
+RADIUS_SIGMA_M = 0.012  # ours: of the radius between two complete views of an obstacle by depth
 UNLIKE_SHARE = 0.0001  # ours: share of the likelihood left to a detection of another size
 
 
@@ -102,6 +102,7 @@ class Detection:
         radius_m: Of its covering disc.
         height_m: Height of its top above the floor.
         surface: Points on its front, horizontally in the body frame, z in the map, m; none if not known.
+        radius_sigma_m: Standard deviation of the radius between two detections of one obstacle.
     """
 
     position: Float[np.ndarray, "2"]
@@ -109,6 +110,7 @@ class Detection:
     radius_m: float
     height_m: float = 0.0
     surface: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))
+    radius_sigma_m: float = RADIUS_SIGMA_M
 
 
 class Track:
@@ -280,7 +282,7 @@ class Track:
     def _same(self, seen: Detection) -> float:
         """Probability that a detection associated with this obstacle is of it, and not of a new one."""
         own = self.density(seen.position[None], seen.covariance[None])[0]
-        own *= alike(np.array(seen.radius_m - self.radius_m))
+        own *= alike(np.array(seen.radius_m - self.radius_m), seen.radius_sigma_m)
         return float(own / (own + NEW_PER_M2))
 
     def _doubt_motion(self, same: float) -> None:
@@ -333,9 +335,11 @@ class Track:
         self._view[[0, 1], [0, 1]] += self._wander_m2
 
 
-def alike(difference_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+def alike(
+    difference_m: Float[np.ndarray, "*n"], sigma_m: Float[np.ndarray, "*n"] | float
+) -> Float[np.ndarray, "*n"]:
     """Likelihood of a difference between the radii of a detection and a track, m, against that of a new obstacle."""
-    return np.asarray(np.maximum(np.exp(-0.5 * (difference_m / RADIUS_SIGMA_M) ** 2), UNLIKE_SHARE))
+    return np.asarray(np.maximum(np.exp(-0.5 * (difference_m / sigma_m) ** 2), UNLIKE_SHARE))
 
 
 def _log_odds(probability: float) -> float:
