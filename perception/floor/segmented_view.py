@@ -6,7 +6,7 @@ colour of each point.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -113,8 +113,8 @@ def truncated(
     z = points.xyz[:, 2]
     ends = (z < reach.nearest_m + NEAR_M) | (z > reach.farthest_m - CUT_M)
     found = _hiders(image, reach.stride)
-    for side in (-1, 1) if depth.baseline_m > 0.0 else ():
-        hole = np.flatnonzero((found == WHOLE) & _beside_hole(view, image, z, side))
+    for side, beside in _beside_holes(depth, image, z):
+        hole = np.flatnonzero((found == WHOLE) & beside)
         beyond = points.xyz[hole] + side * BESIDE_M * image.right
         found[hole[~_has_depth(view.T_map_camera.apply(beyond), others)]] = HOLE
     found[border | ends] = CUT
@@ -171,19 +171,22 @@ def _upright(view: SegmentedView, points: Points) -> _Upright:
     return _Upright(np.rot90(view.depth.z, turns), row, column, right, down)
 
 
-def _beside_hole(
-    view: SegmentedView, image: _Upright, z: Float[np.ndarray, "n"], side: int
-) -> Bool[np.ndarray, "n"]:
-    """Which points, at depth z, have hardly any depth beside them, to the left (-1) or the right (1)."""
+def _beside_holes(
+    depth: Depth, image: _Upright, z: Float[np.ndarray, "n"]
+) -> Iterator[tuple[int, Bool[np.ndarray, "n"]]]:
+    """Side, -1 for left and 1 for right, and which points at depth z have hardly any depth there; of stereo pairs only."""
+    if depth.baseline_m <= 0.0:
+        return
     height, width = image.z.shape
     known = np.zeros((height, width + 1), np.int32)
     np.cumsum(np.isfinite(image.z), axis=1, out=known[:, 1:])
-    reach_px = max(HOLE_M, view.depth.baseline_m) * view.depth.camera.fx / z
-    first = image.column + (side > 0)
-    last = np.clip((first + side * reach_px).astype(np.int64), 0, width)
-    count = np.abs(known[image.row, last] - known[image.row, first])
-    pixels = np.abs(last - first)  # few where the image border is near: it cuts, not a hole
-    return np.asarray((pixels >= 0.5 * reach_px) & (count <= HOLE_KNOWN * pixels))
+    reach_px = max(HOLE_M, depth.baseline_m) * depth.camera.fx / z
+    for side in (-1, 1):
+        first = image.column + (side > 0)
+        last = np.clip((first + side * reach_px).astype(np.int64), 0, width)
+        count = np.abs(known[image.row, last] - known[image.row, first])
+        pixels = np.abs(last - first)  # few where the image border is near: it cuts, not a hole
+        yield side, (pixels >= 0.5 * reach_px) & (count <= HOLE_KNOWN * pixels)
 
 
 def _hiders(image: _Upright, stride: int) -> Int[np.ndarray, "n"]:
