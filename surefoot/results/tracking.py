@@ -6,12 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from perception.odometry.odometry import LOST, RESTARTED
+
 from ..words import count_of
 from .run_folder import RunFolder
 from .tables import Table
 
 TRACKING = "tracking.csv"
 TRACKING_HEADER = ("stamp_s", "state", "failure_probability", "alarm")
+WITHOUT_POSE = (LOST, RESTARTED)
+NOISIER = "; if its depth is noisier than that of a structured-light camera, take the settings of `surefoot calibrate-noise`"
 
 
 def write_tracking(
@@ -43,7 +47,10 @@ def write_tracking(
     if not any(alarms):
         return f"odometry doubtful in none {of}"
     first = stamps[alarms.index(True)] - stamps[0]
-    return f"odometry doubtful in {sum(alarms)} {of}, from {first:.1f} s on"
+    found = f"odometry doubtful in {sum(alarms)} {of}, from {first:.1f} s on"
+    if 2 * sum(state in WITHOUT_POSE for state in states) > len(states):
+        found += NOISIER
+    return found
 
 
 def tracking_metrics(table: Table | None) -> dict[str, float]:
@@ -54,5 +61,5 @@ def tracking_metrics(table: Table | None) -> dict[str, float]:
     return {
         "odometry_frames": float(len(states)),
         "odometry_alarms": float(np.sum(table.numbers("alarm"))),
-        "odometry_lost": float(sum(state in ("lost", "restarted") for state in states)),
+        "odometry_lost": float(sum(state in WITHOUT_POSE for state in states)),
     }
