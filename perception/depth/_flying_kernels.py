@@ -6,6 +6,10 @@ import numpy as np
 
 from ..primitives.compiled import njit
 
+LEAST_STEP, MOST_STEP = 0.05, 0.5
+"""Ours: share of each quarter of a ramp in its jump: .1 to .4 of a Gaussian, .25 of a mean; one of an edge is 1."""
+FLAT = 0.2  # ours: change beyond either end of a ramp, over half its width, in shares of its jump
+
 
 @njit(cache=True, nogil=True)
 def between(
@@ -47,3 +51,55 @@ def between(
                         and other - one > (a + b) * jump * one
                     ):
                         found[v, u] = True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def ramps(
+    inverse: np.ndarray,
+    off: np.ndarray,
+    reach: int,
+    slant_x: float,
+    slant_y: float,
+    found: np.ndarray,
+) -> None:
+    """Smooth ramps between two surfaces, about twice `reach` px wide.
+
+    Args:
+        inverse: (h, w) inverse depth, 1/m; NaN without.
+        off: (h, w) least distance from the middle of a ramp to either end, m.
+        reach: From the middle of a ramp to its ends, px, even.
+        slant_x, slant_y: Least change from end to end, per pixel, as a share of the inverse depth.
+        found: (h, w) pixels of ramps are set.
+    """
+    height, width = inverse.shape
+    steep = np.empty(width, np.bool_)
+    for axis in range(2):
+        du, dv = reach * (1 - axis), reach * axis
+        least = np.float32(reach * (slant_y if axis else slant_x))
+        for v in range(2 * dv, height - 2 * dv):
+            one, other = inverse[v - dv, du : width - 2 * du], inverse[v + dv, 3 * du :]
+            for u in range(width - 4 * du):  # few pass: the rest is not looked at
+                steep[u] = abs(other[u] - one[u]) > least * (other[u] + one[u])
+            for u in range(width - 4 * du):
+                if steep[u] and _is_ramp(inverse, off, v, u + 2 * du, dv, du):
+                    for k in range(1 - reach, reach):
+                        found[v + k * axis, u + 2 * du + k * (1 - axis)] = True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _is_ramp(inverse: np.ndarray, off: np.ndarray, v: int, u: int, dv: int, du: int) -> bool:
+    """Whether inverse depth changes in four even steps between two ends `dv`, `du` away, and hardly beyond them.
+
+    That of a plane is linear in the image, however it slants; on an edge one step is all of the jump.
+    """
+    one, other = inverse[v - dv, u - du], inverse[v + dv, u + du]
+    middle, jump = inverse[v, u], other - one
+    before, after = inverse[v - dv // 2, u - du // 2], inverse[v + dv // 2, u + du // 2]
+    for step in (before - one, middle - before, after - middle, other - after):
+        if not LEAST_STEP < step / jump < MOST_STEP:
+            return False
+    z = 1.0 / middle
+    if not min(abs(z - 1.0 / one), abs(z - 1.0 / other)) > off[v, u]:
+        return False
+    beyond = inverse[v + 2 * dv, u + 2 * du] - other, one - inverse[v - 2 * dv, u - 2 * du]
+    return abs(beyond[0] / jump) < FLAT and abs(beyond[1] / jump) < FLAT
