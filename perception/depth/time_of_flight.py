@@ -15,6 +15,7 @@ from jaxtyping import Float32
 from ..primitives.errors import ConfigError
 from ..primitives.frame import Depth, RangeView
 from ..primitives.settings import setting
+from . import pixel_noise
 from .flying import flying
 from .phase_unwrapping import wrapped
 
@@ -78,7 +79,7 @@ def depth(view: RangeView, config: TofConfig | None = None) -> Depth:
         relative = view.amplitude / np.float32(config.white_amplitude)
         far = wrapped(measured, relative, config.wrap_m)
         measured = np.where(far, np.float32(np.nan), measured)
-    sigma = range_sigma(measured, view.amplitude, config)
+    sigma = pixel_noise.as_shown(measured, range_sigma(measured, view.amplitude, config))
     trusted = np.isfinite(measured) & ~flying(measured, sigma, view.camera)
     straight = np.where(lit, view.range_m, np.float32(np.nan))
     if config.wiggle_m > 0.0:

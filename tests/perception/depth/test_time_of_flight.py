@@ -55,6 +55,14 @@ def test_noise_matches_the_published_values():
     assert np.all(dim > 2.0 * range_sigma(ranges, white, pure))
 
 
+def test_a_range_image_that_is_noisier_than_the_model_has_its_own_noise():
+    """A wall straight ahead, seen by a sensor with four times the noise of the model."""
+    model = range_sigma((1.5 * LENGTH).astype(np.float32), None, TofConfig())
+    noise = 4.0 * model * np.random.default_rng(0).standard_normal(LENGTH.shape)
+    seen = depth(view(1.5 + noise / LENGTH))
+    assert np.nanstd((seen.z - 1.5) / seen.sigma) == pytest.approx(1.0, rel=0.1)
+
+
 def test_sigma_is_at_least_the_fixed_error():
     near = np.full((1, 1), 0.3, dtype=np.float32)
     assert range_sigma(near, None, TofConfig())[0, 0] >= TofConfig().fixed_m
