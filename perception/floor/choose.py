@@ -127,7 +127,7 @@ def find(
     best: Floor | None = None
     flank, nearest = 0.0, math.inf
     for _ in range(PLANES):
-        if sample.size < 3:
+        if sample.size < (3 if best is None else OWN_SHARE * whole.size):
             break
         if config.method == "hough":
             start = hough.propose(sample, searched, rng, config.hough, config.sample, flank)
