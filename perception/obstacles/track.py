@@ -336,8 +336,8 @@ class Track:
 
 
 def alike(
-    difference_m: Float[np.ndarray, "*n"], sigma_m: Float[np.ndarray, "*n"] | float
-) -> Float[np.ndarray, "*n"]:
+    difference_m: Float[np.ndarray, "..."], sigma_m: Float[np.ndarray, "n"] | float
+) -> Float[np.ndarray, "..."]:
     """Likelihood of a difference between the radii of a detection and a track, m, against that of a new obstacle."""
     return np.asarray(np.maximum(np.exp(-0.5 * (difference_m / sigma_m) ** 2), UNLIKE_SHARE))
 

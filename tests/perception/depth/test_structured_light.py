@@ -27,7 +27,9 @@ def sloping(size: tuple[int, int], times: float, seed: int = 0) -> tuple[np.ndar
     z[height // 3 : height // 2, width // 3 : width // 2] = 0.9
     sigma = 0.0012 + 0.0019 * (z - 0.4) ** 2
     noisy = z + times * sigma * np.random.default_rng(seed).standard_normal(z.shape)
-    return noisy.astype(np.float32), Camera(width, height, width, width, width / 2, height / 2)
+    return noisy.astype(np.float32), Camera(
+        width, height, float(width), float(width), width / 2, height / 2
+    )
 
 
 @pytest.mark.parametrize("times", [1.6, 3.0, 8.0])

@@ -25,5 +25,7 @@ def test_the_number_of_frames_is_counted_in_words(tmp_path, failures, words):
 def test_a_recording_that_is_lost_in_most_frames_gets_advice(tmp_path, lost, advised):
     states = ["first", *["tracked"] * (4 - lost), *["lost"] * lost]
     failures = [float(state == "lost") for state in states]
-    said = write_tracking(RunFolder.create(tmp_path / "run"), range(5), states, failures, 0.5)
+    said = write_tracking(
+        RunFolder.create(tmp_path / "run"), [0.0, 0.1, 0.2, 0.3, 0.4], states, failures, 0.5
+    )
     assert ("calibrate-noise" in said) == advised
