@@ -48,7 +48,7 @@ def flying(
     own = 1.0 / (math.tan(math.radians(OWN_DEG)) * steep)
     off = np.float32(OFF_SIGMAS) * sigma_m
     _flying_kernels.between(depth, off, steep / camera.fx, steep / camera.fy, own, found)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):  # of depth that cannot be
         inverse = np.float32(1.0) / depth
     ramp = 1.0 / math.tan(math.radians(RAMP_DEG))
     off = np.float32(RAMP_SIGMAS) * sigma_m

@@ -38,10 +38,11 @@ def _times(depth: Float32[np.ndarray, "h w"], sigma_m: Float32[np.ndarray, "h w"
     """Noise in standard deviations of its model; less if neighbours have the same noise, 1 with too few pixels in a row."""
     rows = slice(None, None, max(1, len(depth) // ROWS))
     z = depth[rows]
-    inverse = 1.0 / z
-    bend = inverse[:, 2:] - 2.0 * inverse[:, 1:-1] + inverse[:, :-2]
-    middle = z[:, 1:-1]
-    noise = np.abs(bend) * middle * middle / sigma_m[rows, 1:-1]
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of depth that cannot be
+        inverse = 1.0 / z
+        bend = inverse[:, 2:] - 2.0 * inverse[:, 1:-1] + inverse[:, :-2]
+        middle = z[:, 1:-1]
+        noise = np.abs(bend) * middle * middle / sigma_m[rows, 1:-1]
     noise = noise[np.isfinite(noise)]
     if noise.size < LEAST_VALUES:
         return 1.0

@@ -46,9 +46,9 @@ CONFIDENCE = 0.999  # ours: of the chi-square test against the prior
 DOUBT = 2.0
 """Ours: squared distance from the prior, in standard deviations, beyond which other planes are tried; one that is nearer by
 as much, a factor e of likelihood, is the floor. A ramp ahead fills more of the image than the floor before it."""
-OWN_SHARE = (
-    0.1  # ours: of the sample, on that other plane alone; a tilted copy of the first has up to .06
-)
+OWN_SHARE = 0.1
+"""Ours: share of the sample that is on the other plane alone. A tilted copy of the first has up to .06, a floor before a ramp .11
+and more."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,9 @@ def find(
 
 
 def _is_other(floor: Floor, best: Floor, sample: Sample, config: ScoreConfig) -> bool:
-    """Whether a plane is another one than the best before it: enough points are on it and not on that one."""
+    """Whether a plane, no ledge, is another one than the best before it: enough points are on it and not on that one."""
+    if floor.share < LEAST_SHARE:
+        return False
     rest = sample.without(best.among_points, config)
     own = rest.size - rest.without(floor.among_points, config).size
     return own >= OWN_SHARE * sample.size

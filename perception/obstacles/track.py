@@ -102,7 +102,7 @@ class Detection:
         radius_m: Of its covering disc.
         height_m: Height of its top above the floor.
         surface: Points on its front, horizontally in the body frame, z in the map, m; none if not known.
-        radius_sigma_m: Standard deviation of the radius between two detections of one obstacle.
+        radius_sigma_m: Standard deviation of the radius between two detections of one obstacle, m.
     """
 
     position: Float[np.ndarray, "2"]

@@ -15,7 +15,7 @@ from .tables import Table
 TRACKING = "tracking.csv"
 TRACKING_HEADER = ("stamp_s", "state", "failure_probability", "alarm")
 WITHOUT_POSE = (LOST, RESTARTED)
-NOISIER = "; if its depth is noisier than that of a structured-light camera, take the settings of `surefoot calibrate-noise`"
+ADVICE = "; if its depth is noisier than that of a structured-light camera, take the settings of `surefoot calibrate-noise`"
 
 
 def write_tracking(
@@ -49,7 +49,7 @@ def write_tracking(
     first = stamps[alarms.index(True)] - stamps[0]
     found = f"odometry doubtful in {sum(alarms)} {of}, from {first:.1f} s on"
     if 2 * sum(state in WITHOUT_POSE for state in states) > len(states):
-        found += NOISIER
+        found += ADVICE
     return found
 
 

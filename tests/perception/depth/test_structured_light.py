@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from perception.depth.flying import flying
 from perception.depth.structured_light import StructuredLightConfig, depth
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, InputError
@@ -47,6 +48,16 @@ def test_an_image_with_the_noise_of_the_model_or_less_keeps_that_of_the_model(ti
     for image in (z, steps):
         ratio = depth(DepthView(image, camera)).sigma / (0.0012 + 0.0019 * (image - 0.4) ** 2)
         np.testing.assert_allclose(ratio, 1.0, rtol=1e-4)
+
+
+@pytest.mark.filterwarnings("error")
+def test_rows_of_depth_that_cannot_be_change_no_noise_and_give_no_warning():
+    z, camera = sloping((320, 240), 1.0)
+    z[::3] = 1e-42
+    seen = depth(DepthView(z, camera))
+    assert not flying(seen.z, seen.sigma, camera)[1::3].any()
+    model = 0.0012 + 0.0019 * (z - 0.4) ** 2
+    np.testing.assert_allclose(seen.sigma, model, rtol=1e-4)
 
 
 def test_invalid_depth_is_nan_and_the_pose_is_kept():
