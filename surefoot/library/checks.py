@@ -219,7 +219,8 @@ def depth_image(
         depth_m: (h, w), as for `metres`.
         camera: Its camera.
         scale_per_metre: Units per metre, for integers.
-        sigma_m: Standard deviation of depth, one number or (h, w), m; None takes that of an RGB-D camera.
+        sigma_m: Standard deviation of depth, one number or (h, w), m; None: as for
+            `find_floor`.
         T_body_camera: Camera on the body.
 
     Raises:

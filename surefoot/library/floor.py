@@ -46,7 +46,7 @@ def find_floor(
             angles). It replaces `up`, and finds floors of which little is visible.
         scale_per_metre: Units per metre of an integer image: 1000 for millimetres.
         sigma_m: Standard deviation of the noise of each pixel alone, one number or (h, w), m. None: that of a
-            structured-light camera, 1.2 mm + 1.9 mm (z - 0.4)^2.
+            structured-light camera, 1.2 mm + 1.9 mm (z - 0.4)^2, or what the image shows if that is clearly more.
         nearest_m, farthest_m: Depths outside this range are not used.
         calibrated: Whether the depth hardly bends: it was rendered, or its bend is calibrated. The covariance then
             allows for a common error of 0.05 % + 0.05 % z/m of depth instead of 1 % + 0.5 % z/m, that of consumer

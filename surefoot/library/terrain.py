@@ -31,7 +31,7 @@ def find_regions(
         camera: Intrinsics; axes x right, y down, z ahead.
         scale_per_metre: Units per metre of an integer image: 1000 for millimetres.
         sigma_m: Standard deviation of the noise of each pixel alone, one number or (h, w), m. None: that of a
-            structured-light camera.
+            structured-light camera, as for `find_floor`.
         nearest_m, farthest_m: Depths outside this range are not used.
         calibrated: Whether the depth hardly bends, which makes the covariance smaller, as for `find_floor`.
 
@@ -72,7 +72,7 @@ def find_stairs(
             replaces `up`; one of the two is needed.
         scale_per_metre: Units per metre of an integer image: 1000 for millimetres.
         sigma_m: Standard deviation of the noise of each pixel alone, one number or (h, w), m. None: that of a
-            structured-light camera.
+            structured-light camera, as for `find_floor`.
         nearest_m, farthest_m: Depths outside this range are not used.
         calibrated: Whether the depth hardly bends, which makes the covariance smaller, as for `find_floor`.
 
