@@ -33,7 +33,7 @@ QUESTIONS = {
     "own planner": ("decide", "--planner", "GoalSeeker"),
     "P12 in floor.csv": ("P12", "rad·m", "second tilt with the height"),
     "why is my recording skipped": ("skipped", "depth image has no valid pixel", "the stamp"),
-    "what paper 3 said, what was found": ("the paper", "what we found", "53 % of the floors"),
+    "what paper 3 said, what was found": ("the paper", "what we found", "singular at the floor"),
 }
 """Words that the page must hold which answers the question."""
 CLICKS = {
