@@ -19,9 +19,11 @@ import numpy as np
 from jaxtyping import Float
 
 from ..primitives import plugins
+from ..primitives.camera import Camera
 from ..primitives.errors import ConfigError
 from ..primitives.settings import setting
 
+MOST_BEND = 0.2  # ours: ten times that of consumer sensors
 ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))  # powers of the slopes, right and down
 
 
@@ -101,6 +103,48 @@ def quadric(
 ) -> Float[np.ndarray, "n 6"]:
     """The shapes of the distortion at ray slopes u, v: 1 at most up to the slope `edge`."""
     return np.stack([(u / edge) ** i * (v / edge) ** j for i, j in ORDERS], axis=1)
+
+
+@dataclass(frozen=True)
+class Bend:
+    """Bend of one sensor where it was calibrated: the relative error of depth at the right or lower edge.
+
+    `Distortion` is how large the bend of such sensors is; this is the one of a sensor. A slope of the lower edge is
+    that of the right one. A common scale is not part of it: it does not show in the motion of the sensor.
+    """
+
+    right: float = setting(0.0, "", "bend to the right", "none: `surefoot calibrate-noise`")
+    down: float = setting(0.0, "", "bend downwards", "none: likewise")
+    right_right: float = setting(0.0, "", "bend with the square to the right", "none: likewise")
+    right_down: float = setting(0.0, "", "bend with right times down", "none: likewise")
+    down_down: float = setting(0.0, "", "bend with the square downwards", "none: likewise")
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not abs(value) <= MOST_BEND:
+                raise ConfigError(
+                    f"bend: {name}={value} must lie within -{MOST_BEND} .. {MOST_BEND}"
+                )
+
+    @property
+    def coefficients(self) -> Float[np.ndarray, "5"]:
+        """In the order of `ORDERS`, without the constant."""
+        return np.array([self.right, self.down, self.right_right, self.right_down, self.down_down])
+
+    def straightened(self, z: Float[np.ndarray, "h w"], camera: Camera) -> Float[np.ndarray, "h w"]:
+        """A depth image without the bend, of the same type; the image itself if there is none."""
+        if not self.coefficients.any():
+            return z
+        return z / (1.0 + bend_field(camera, self.coefficients)).astype(z.dtype)
+
+
+def bend_field(camera: Camera, coefficients: Float[np.ndarray, "5"]) -> Float[np.ndarray, "h w"]:
+    """Relative error of depth of every pixel by the coefficients of a `Bend`."""
+    a, b, c, d, e = coefficients
+    edge = camera.width / (2.0 * camera.fx)
+    u = (np.arange(camera.width) - camera.cx) / (camera.fx * edge)
+    v = ((np.arange(camera.height) - camera.cy) / (camera.fy * edge))[:, None]
+    return np.asarray(a * u + b * v + c * u * u + d * u * v + e * v * v)
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ COARSEST_GATE_M = 0.30  # ours: larger residuals at the start belong to other su
 FINEST_GATE_M = 0.03  # ours: and at the end
 GREY_SIGMA = 10.0  # ours: of 255, at the start; estimated from the residuals afterwards
 CONVERGED = 1e-4  # m and rad: a smaller step is the last one of its level
+LIGHT_ROUNDS = 4  # ours: iterations of the grey differences at a known motion
 KEPT = 3  # ours: initial poses that are carried from the coarsest level to the next
 # Errors that are a share of the motion: of the focal length (ours: half a percent once calibrated), and of the
 # depth scale (ours: a share of the bend, so that both are 1 % for the published bend of an RGB-D camera at 2 m)
@@ -183,6 +184,16 @@ def evaluate(
     covariance = covariance + np.diag(warp**2)
     fitting, visible, contradicting = _shares(totals)
     return Alignment(Pose3.from_matrix(T), covariance, fitting, visible, contradicting, error)
+
+
+def fitted_light(to: Level, of: Level, T: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "2"]:
+    """(standard deviation, mean) of the grey differences of two images at a motion; a deviation of 0 without grey."""
+    with_grey = to.grey.shape == to.z.shape and of.grey.shape == of.z.shape
+    light = np.array([GREY_SIGMA if with_grey else 0.0, 0.0])
+    for _ in range(LIGHT_ROUNDS):
+        totals = _equations(to, of, T, FINEST_GATE_M, light)
+        kernels.brighten(light, totals)
+    return light
 
 
 def _coarsest(target: Pyramid, source: Pyramid) -> int:

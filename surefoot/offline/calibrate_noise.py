@@ -1,12 +1,15 @@
 """Calibrate the depth sensor of a recording: noise and bend, as settings that every verb takes.
 
-Source: ours; see `perception.floor.depth_calibration`.
+The bend of an RGB-D camera comes from its motion; it is written if flat surfaces are flatter without it.
+
+Source: ours; see `perception.floor.depth_calibration` and `perception.odometry.depth_bend`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +17,15 @@ import numpy as np
 import tomli_w
 
 from perception.depth import points
-from perception.depth.distortion import Distortion, DistortionConfig
+from perception.depth.distortion import Bend, Distortion, DistortionConfig, bend_field
+from perception.depth.points import Points
 from perception.depth.sources import DepthSources
 from perception.depth.time_of_flight import SIGMA_AT_M
 from perception.floor.depth_calibration import Calibrator, DepthCalibration
+from perception.odometry.depth_bend import BendEstimator, MotionBend
+from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError, OutputError
+from perception.primitives.pose import Pose3
 
 from ..config.schema import Config
 from ..recordings.recording import Recording
@@ -36,7 +43,8 @@ class NoiseSettings:
     Args:
         sensor: "tof", "stereo" or "depth".
         frames, surfaces: Number of views used and of flat surfaces in them.
-        calibration: Estimates with their uncertainty.
+        calibration: Estimates with their uncertainty, of depth that is straightened by `motion` if there is one.
+        motion: The bend that is taken out; None if the motion of the camera does not tell it.
         settings: Nested tables of a configuration.
         remarks: What the recording did not tell.
     """
@@ -45,6 +53,7 @@ class NoiseSettings:
     frames: int
     surfaces: int
     calibration: DepthCalibration
+    motion: MotionBend | None
     settings: dict[str, Any]
     remarks: tuple[str, ...]
 
@@ -60,19 +69,27 @@ class NoiseSettings:
             f"(model so far {1e3 * one.claimed:.1f} mm)"
             for one in found.noise
         ]
-        rows.append("bend at the edge of the picture, 1 = the published size:")
-        for name, value, sigma, known in zip(
-            SHAPES, found.bend, found.sigma, found.known, strict=True
-        ):
+        if self.motion is not None:
+            sigma = np.sqrt(np.diag(self.motion.covariance))
             rows.append(
-                f"  {name:<10} {value:+.2f} ± {sigma:.2f}" if known else f"  {name:<10} not told"
+                f"bend at the edge of the picture, by {self.motion.pairs} motions of the camera:"
             )
+            rows += _listed(
+                SHAPES[1:],
+                100.0 * self.motion.bend.coefficients,
+                100.0 * sigma,
+                self.motion.known,
+                " %",
+            )
+        left = "" if self.motion is None else "what is left of the "
+        rows.append(f"{left}bend by flat surfaces, 1 = the published size:")
+        rows += _listed(SHAPES, found.bend, found.sigma, found.known)
         rows.append(f"size of the distortion: {found.size:.2f} of the published one")
         return rows + list(self.remarks)
 
     def content(self) -> dict[str, Any]:
         """For --json."""
-        found = self.calibration
+        found, motion = self.calibration, self.motion
         return {
             "sensor": self.sensor,
             "frames": self.frames,
@@ -83,6 +100,11 @@ class NoiseSettings:
             "bend": found.bend.tolist(),
             "bend_sigma": found.sigma.tolist(),
             "bend_known": found.known.tolist(),
+            "motion_bend": None if motion is None else motion.bend.coefficients.tolist(),
+            "motion_bend_sigma": None
+            if motion is None
+            else np.sqrt(np.diag(motion.covariance)).tolist(),
+            "motion_bend_known": None if motion is None else motion.known.tolist(),
             "size": found.size,
             "settings": self.settings,
             "remarks": list(self.remarks),
@@ -122,34 +144,81 @@ def calibrate(recording: Recording, config: Config, say: Say) -> NoiseSettings:
         config.depth_sources,
         recording.info.own_body,
     )
-    calibrators: dict[str, Calibrator] = {}
-    frames: dict[str, int] = {}
-    surfaces: dict[str, int] = {}
+    views: dict[str, list[_View]] = {}
+    moving: dict[str, BendEstimator] = {}
     every = max(1, (recording.info.frames or 1) // MOST_VIEWS)
     for number, frame in enumerate(recording.frames()):
+        image = sources.for_odometry(frame)
+        if image is not None and image.sensor == "depth":
+            estimator = moving.setdefault("depth", BendEstimator(DistortionConfig().depth))
+            estimator.add(image.depth, image.rgb)
         if number % every:
             continue
         for sensor, depth in sources.images(frame):
-            if sensor not in calibrators:
-                rng = np.random.default_rng(config.seed)
-                published = DistortionConfig().of(sensor)
-                calibrators[sensor] = Calibrator(published, rng, config.floor)
-                frames[sensor] = surfaces[sensor] = 0
             reach = config.reach.of(sensor, depth.camera.width)
             cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
-            frames[sensor] += 1
-            surfaces[sensor] += calibrators[sensor].add(cloud, frame.T_world_camera)
-            say(f"frame {number}: {surfaces[sensor]} flat surfaces of {sensor}")
-    if not calibrators:
+            views.setdefault(sensor, []).append(_View(cloud, depth.camera, frame.T_world_camera))
+        say(f"frame {number}")
+    if not views:
         raise InputError("the recording has no depth images; there is no depth sensor to calibrate")
-    sensor = max(calibrators, key=lambda name: surfaces[name])
-    found = calibrators[sensor].solve()
-    settings, remarks = _settings(sensor, found, config)
-    return NoiseSettings(sensor, frames[sensor], surfaces[sensor], found, settings, remarks)
+    flat = {sensor: _flat(sensor, seen, config) for sensor, seen in views.items()}
+    sensor = max(flat, key=lambda name: flat[name][1])
+    calibrator, surfaces = flat[sensor]
+    found, motion = calibrator.solve(), None
+    if sensor in moving:
+        say("bend by the motion of the camera")
+        motion = moving[sensor].solve()
+        straight = [one.straightened(motion.bend) for one in views[sensor]]
+        calibrator, count = _flat(sensor, straight, config)
+        straightened = calibrator.solve() if count else found
+        if motion.known.any() and straightened.size < found.size:
+            found, surfaces = straightened, count
+        else:
+            motion = None
+    settings, remarks = _settings(sensor, found, motion, config)
+    return NoiseSettings(sensor, len(views[sensor]), surfaces, found, motion, settings, remarks)
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """Points of one depth image."""
+
+    points: Points
+    camera: Camera
+    T_world_camera: Pose3 | None
+
+    def straightened(self, bend: Bend) -> _View:
+        share = 1.0 + bend_field(self.camera, bend.coefficients).ravel()[self.points.pixels]
+        return _View(
+            replace(self.points, xyz=self.points.xyz / share[:, None]),
+            self.camera,
+            self.T_world_camera,
+        )
+
+
+def _flat(sensor: str, views: list[_View], config: Config) -> tuple[Calibrator, int]:
+    """The calibrator with the flat surfaces of all views, and their number."""
+    rng = np.random.default_rng(config.seed)
+    calibrator = Calibrator(DistortionConfig().of(sensor), rng, config.floor)
+    return calibrator, sum(calibrator.add(one.points, one.T_world_camera) for one in views)
+
+
+def _listed(
+    names: Sequence[str],
+    values: np.ndarray,
+    sigmas: np.ndarray,
+    known: np.ndarray,
+    unit: str = "",
+) -> list[str]:
+    """Lines of coefficients."""
+    return [
+        f"  {name:<10} {value:+.2f} ± {sigma:.2f}{unit}" if told else f"  {name:<10} not told"
+        for name, value, sigma, told in zip(names, values, sigmas, known, strict=True)
+    ]
 
 
 def _settings(
-    sensor: str, found: DepthCalibration, config: Config
+    sensor: str, found: DepthCalibration, motion: MotionBend | None, config: Config
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """The calibration as tables of a configuration, and what the recording did not tell."""
     remarks = []
@@ -180,6 +249,10 @@ def _settings(
             "growth_per_m": round(growth, 6),
             "start_m": model.start_m,
         }
+        if motion is not None:
+            tables["structured_light"]["bend"] = {
+                name: round(value, 6) for name, value in vars(motion.bend).items()
+            }
     elif sensor == "tof":
         varying = np.maximum(sigma**2 - config.tof.fixed_m**2, LEAST_SIGMA_M**2)
         white = np.sqrt(varying) / (z / SIGMA_AT_M) ** 2

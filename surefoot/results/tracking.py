@@ -1,4 +1,4 @@
-"""How well the odometry of a camera without poses tracked: tracking.csv, and one sentence on it."""
+"""How well the odometry of a camera without poses tracked: tracking.csv, and a sentence or two on it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from perception.odometry.depth_bend import MotionBend
 from perception.odometry.odometry import LOST, RESTARTED
 
 from ..words import count_of
@@ -16,6 +17,8 @@ TRACKING = "tracking.csv"
 TRACKING_HEADER = ("stamp_s", "state", "failure_probability", "alarm")
 WITHOUT_POSE = (LOST, RESTARTED)
 ADVICE = "; if its depth is noisier than that of a structured-light camera, take the settings of `surefoot calibrate-noise`"
+SAID_BEND = 0.005  # ours: a smaller bend is within what is claimed
+SAID_SIGMAS = 5.0  # ours: sure enough to ask for a calibration
 
 
 def write_tracking(
@@ -24,6 +27,7 @@ def write_tracking(
     states: Sequence[str],
     failures: Sequence[float],
     threshold: float,
+    bend: MotionBend | None = None,
 ) -> str:
     """Write the table.
 
@@ -33,9 +37,10 @@ def write_tracking(
         states: Of `perception.odometry.odometry.Step`.
         failures: Probability that the pose is wrong, of each image.
         threshold: Probability from which an image raises the alarm.
+        bend: What the motion tells of the bend of the depth.
 
     Returns:
-        The sentence for the summary; empty without images.
+        For the summary; empty without images.
     """
     alarms = [failure >= threshold for failure in failures]
     folder.write_csv(
@@ -45,12 +50,26 @@ def write_tracking(
         return ""
     of = f"of {count_of(len(alarms), 'frame')}"
     if not any(alarms):
-        return f"odometry doubtful in none {of}"
+        return f"odometry doubtful in none {of}{_on_bend(bend)}"
     first = stamps[alarms.index(True)] - stamps[0]
     found = f"odometry doubtful in {sum(alarms)} {of}, from {first:.1f} s on"
     if 2 * sum(state in WITHOUT_POSE for state in states) > len(states):
-        found += ADVICE
-    return found
+        return found + ADVICE
+    return found + _on_bend(bend)
+
+
+def _on_bend(bend: MotionBend | None) -> str:
+    """Advice if the depth surely bends."""
+    if bend is None:
+        return ""
+    size = np.abs(bend.bend.coefficients)
+    sure = size > SAID_SIGMAS * np.sqrt(np.diag(bend.covariance))
+    if not np.any(sure & (size > SAID_BEND)):
+        return ""
+    return (
+        f"; depth bends by at least {100.0 * float(size[sure].max()):.1f} % towards the edge of the picture: "
+        "take it out with the settings of `surefoot calibrate-noise`"
+    )
 
 
 def tracking_metrics(table: Table | None) -> dict[str, float]:

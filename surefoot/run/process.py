@@ -130,4 +130,7 @@ def _write_camera(folder: RunFolder, source: PoseSource, camera: CameraTrajector
         return ""
     odometer = source.odometer
     threshold = odometer.config.alarm.threshold
-    return write_tracking(folder, source.stamps, odometer.states, odometer.failures, threshold)
+    bend = odometer.bend.solve()
+    return write_tracking(
+        folder, source.stamps, odometer.states, odometer.failures, threshold, bend
+    )

@@ -9,9 +9,12 @@ import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
 
 from surefoot.cli.main import main
 from surefoot.config.load import load
+
+from ...perception.odometry.bent_room import BENT, IMAGES, pose, seen
 
 CAMERA = "[camera]\nwidth = 160\nheight = 120\nfx = 140.0\nfy = 140.0\ncx = 79.5\ncy = 59.5\n"
 DEPTH = "[depth]\nscale_per_metre = 10000\nnone = [0]\n"
@@ -105,3 +108,58 @@ def test_a_recording_without_flat_surfaces_is_refused_with_advice(tmp_path):
     assert "no flat surface" in shown
     assert "record a bare floor or a wall" in shown
     assert not (tmp_path / "sensor.toml").exists()
+
+
+@pytest.fixture(scope="module")
+def bent_recording(tmp_path_factory):
+    """36 images of a room with their poses."""
+    folder = tmp_path_factory.mktemp("bent") / "room"
+    rng = np.random.default_rng(2)
+    for part in ("depth", "rgb"):
+        (folder / part).mkdir(parents=True)
+    lines = []
+    for number in range(IMAGES):
+        T = pose(number)
+        z, rgb = seen(T, BENT, rng)
+        cv2.imwrite(
+            str(folder / "depth" / f"{number:06d}.png"), np.rint(5000.0 * z).astype(np.uint16)
+        )
+        cv2.imwrite(str(folder / "rgb" / f"{number:06d}.png"), rgb)
+        quaternion = Rotation.from_matrix(T.rotation).as_quat()
+        lines.append(" ".join(f"{v:.6f}" for v in (number / 30.0, *T.position, *quaternion)))
+    (folder / "truth.txt").write_text("\n".join(lines) + "\n")
+    (folder / "recording.toml").write_text(
+        "rate_hz = 30.0\n[camera]\nwidth = 160\nheight = 120\nfx = 140.0\nfy = 140.0\ncx = 79.5\ncy = 59.5\n"
+        '[depth]\nfolder = "depth"\nscale_per_metre = 5000\nnone = [0]\n[colour]\nfolder = "rgb"\n'
+    )
+    return folder
+
+
+def largest_error_m(run, truth) -> float:
+    """Largest distance of the camera from its true place, both relative to the first pose."""
+    found, true = np.loadtxt(run / "trajectory.txt"), np.loadtxt(truth)
+    errors = []
+    for a, b in zip(found, true, strict=True):
+        moved = [
+            Rotation.from_quat(first[4:]).inv().apply(last[1:4] - first[1:4])
+            for first, last in ((found[0], a), (true[0], b))
+        ]
+        errors.append(np.linalg.norm(moved[0] - moved[1]))
+    return float(np.max(errors))
+
+
+def test_calibrated_settings_straighten_a_trajectory(bent_recording, tmp_path):
+    settings = tmp_path / "camera.toml"
+    code, said = call("calibrate-noise", bent_recording, "--out", settings)
+    assert code == 0, said
+    assert "motions of the camera" in said
+    written = load(settings).structured_light.bend.coefficients
+    np.testing.assert_allclose(written, BENT.coefficients, atol=0.004)
+    errors = []
+    for name, more in (("as_is", []), ("straight", ["--config", settings])):
+        out = tmp_path / name
+        code, said = call("process", bent_recording, "--out", out, *more)
+        assert code == 0, said
+        assert ("depth bends by at least" in said) == (not more)
+        errors.append(largest_error_m(out, bent_recording / "truth.txt"))
+    assert errors[1] < 0.5 * errors[0]

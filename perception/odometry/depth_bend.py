@@ -1,0 +1,152 @@
+"""Bend of a depth camera from its own motion: points keep their place in the room only if depth is straight.
+
+The bend is fixed to the pixels, so it turns what the camera sees elsewhere in the image into a shift of the room. The
+images are tracked, and the motion of each new reference and the bend of both images are estimated together; this is
+repeated with straightened images until the bend stays. A common scale does not show.
+
+Source: Teichman, Miller and Thrun 2013 (calibration of depth by what the moving sensor itself maps); joint least
+squares of motion and bend ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from ..depth.distortion import MOST_BEND, Bend, Distortion
+from ..primitives.frame import Depth
+from . import _bend_kernels as kernels
+from .alignment import FINEST_GATE_M, Alignment, fitted_light
+from .likelihood import COMMON_PX
+from .odometry import TRACKED, Odometry, OdometryConfig, Step
+from .pyramid import CompressedImage, Pyramid, build, compress
+
+MOST_IMAGES = 160  # ours: later images of a recording are left out; bounds memory and time
+MOST_ROUNDS = 8  # ours: each halves what is left of the bend, or better
+CONVERGED = 3e-4  # ours: of a coefficient
+MODEL = 20.0  # ours: pixels that share an error, as multiples of those of an alignment: the bend is no exact quadric
+KNOWN = (
+    0.5  # ours: a coefficient is known if its standard deviation is below, in those of the prior
+)
+
+
+@dataclass(frozen=True)
+class MotionBend:
+    """What the motion of a camera tells of the bend of its depth.
+
+    Args:
+        bend: Coefficients that are not known are 0.
+        covariance: (5, 5) of the coefficients.
+        known: Which of them the recording tells.
+        pairs: Number of pairs of images.
+    """
+
+    bend: Bend
+    covariance: Float[np.ndarray, "5 5"]
+    known: Bool[np.ndarray, "5"]
+    pairs: int
+
+
+class BendOfPairs:
+    """Estimates the bend from each new reference of an odometry and the reference before it, at the tracked motion.
+
+    One such estimate finds about half of the bend, as the tracked motion has taken up the rest.
+    """
+
+    def __init__(self, level: int) -> None:
+        """Begin without images; `level` of the pyramids is used, 0 is the finest."""
+        self._level = level
+        self._before: tuple[int, Pyramid] | None = None  # the latest reference
+        self._information = np.zeros((kernels.SHAPES, kernels.SHAPES))
+        self._pull = np.zeros(kernels.SHAPES)
+        self._size = 0.0
+        self.pairs = 0
+
+    def note(self, step: Step, number: int, image: Pyramid) -> None:
+        """Take an image that became a reference, after the odometry has tracked it.
+
+        Args:
+            step: Of the odometry.
+            number: Of the image.
+            image: The image.
+        """
+        before, self._before = self._before, (number, image)
+        self._size = self._size or image.bend
+        if before is None or step.state != TRACKED or step.aligned is None:
+            return
+        if step.reference == before[0] and self._level < min(
+            len(before[1].levels), len(image.levels)
+        ):
+            ours, its = _of_bend(before[1], image, step.aligned, self._level)
+            self._information += ours
+            self._pull += its
+            self.pairs += 1
+
+    def solve(self, before: Float[np.ndarray, "5"] | None = None) -> MotionBend:
+        """The bend by all pairs; `before` of it was taken out of the images already, none if None."""
+        before = np.zeros(kernels.SHAPES) if before is None else before
+        if not self._size > 0.0:
+            return MotionBend(Bend(), np.zeros((5, 5)), np.zeros(5, bool), self.pairs)
+        prior = np.eye(kernels.SHAPES) / self._size**2
+        covariance = np.linalg.inv(self._information + prior)
+        found = covariance @ (self._information @ before - self._pull)
+        known = np.sqrt(np.diag(covariance)) < KNOWN * self._size
+        found = np.clip(np.where(known, found, 0.0), -MOST_BEND, MOST_BEND)
+        return MotionBend(Bend(*map(float, found)), covariance, known, self.pairs)
+
+
+class BendEstimator:
+    """Collects the images of a recording, in the order of time."""
+
+    def __init__(self, distortion: Distortion) -> None:
+        """Begin without images; `distortion` is the published size of the bend, its prior."""
+        self._distortion = distortion
+        self._images: list[CompressedImage] = []
+
+    def add(self, depth: Depth, rgb: UInt8[np.ndarray, "h w 3"] | None) -> None:
+        """Take the next image; those beyond `MOST_IMAGES` are left out."""
+        if len(self._images) < MOST_IMAGES:
+            self._images.append(compress(build(depth, rgb, distortion=self._distortion)))
+
+    def solve(self) -> MotionBend:
+        """The bend by all images so far."""
+        found = self._round(Bend())
+        for _ in range(MOST_ROUNDS - 1 if found.known.any() else 0):
+            before, found = found.bend, self._round(found.bend)
+            if np.max(np.abs(found.bend.coefficients - before.coefficients)) < CONVERGED:
+                break
+        return found
+
+    def _round(self, bend: Bend) -> MotionBend:
+        """Track the straightened images and estimate the bend anew."""
+        odometry, pairs = Odometry(OdometryConfig()), BendOfPairs(level=0)
+        for number, compressed in enumerate(self._images):
+            image = _straightened(compressed.pyramid(), bend)
+            step = odometry.track(image)
+            if odometry.references[-1].number == number:
+                pairs.note(step, number, image)
+        return pairs.solve(bend.coefficients)
+
+
+def _straightened(image: Pyramid, bend: Bend) -> Pyramid:
+    levels = [replace(level, z=bend.straightened(level.z, level.camera)) for level in image.levels]
+    return Pyramid(tuple(levels), image.floor, image.bend)
+
+
+def _of_bend(
+    target: Pyramid, source: Pyramid, aligned: Alignment, level: int
+) -> tuple[Float[np.ndarray, "5 5"], Float[np.ndarray, "5"]]:
+    """Information and gradient of the bend by one pair of images, their motion eliminated."""
+    to, of = target.levels[level], source.levels[level]
+    H = np.empty((kernels.UNKNOWNS, kernels.UNKNOWNS))
+    g = np.empty(kernels.UNKNOWNS)
+    T = aligned.motion.matrix
+    light = fitted_light(to, of, T)
+    kernels.bend_equations(of.as_source, to.as_target, T, FINEST_GATE_M, light, H, g)
+    H = np.triu(H) + np.triu(H, 1).T
+    common = max(aligned.error, 1.0) ** 2 * COMMON_PX * MODEL / 4**level
+    m = kernels.MOTION
+    gain = np.linalg.solve(H[:m, :m] + 1e-3 * np.eye(m), H[:m, m:]).T
+    return (H[m:, m:] - gain @ H[:m, m:]) / common, (g[m:] - gain @ g[:m]) / common
