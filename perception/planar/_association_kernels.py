@@ -57,25 +57,27 @@ def linear_density(
     place: np.ndarray,
     entry: int,
     measured: np.ndarray,
-    sigmas: np.ndarray,
+    rate: float,
     p: Parameters,
 ) -> tuple[float, float]:
     """Normalised innovation squared and log density of a sighting, by linearisation at the mean."""
     size = mean.shape[0]
-    depth, bearing = expected(mean, place, entry, sigmas[0], p)
+    depth, bearing = expected(mean, place, entry, 0.0, p)
+    sigma_depth, sigma_bearing = deviations(depth, rate, p)
+    depth += sigma_depth * mean[DEPTH]
     first, second = measured[0] - depth, wrapped(measured[1] - bearing)
     x, y = place[0] - mean[X], place[1] - mean[Y]
     if entry >= 0:
         x, y = x + mean[entry], y + mean[entry + 1]
     c, s = math.cos(mean[YAW]), math.sin(mean[YAW])
     left, square = c * y - s * x, max(x * x + y * y, 1e-4)
-    aa, ab, bb = sigmas[0] ** 2, 0.0, sigmas[1] ** 2
+    aa, ab, bb = sigma_depth**2, 0.0, sigma_bearing**2
     for j in range(size):
         dx, dy = -root[X, j], -root[Y, j]
         if entry >= 0:
             dx, dy = dx + root[entry, j], dy + root[entry + 1, j]
         a = (p.scale + mean[GAIN]) * (c * dx + s * dy + left * root[YAW, j]) + root[OFFSET, j]
-        a += (c * x + s * y) * root[GAIN, j] + sigmas[0] * root[DEPTH, j]
+        a += (c * x + s * y) * root[GAIN, j] + sigma_depth * root[DEPTH, j]
         b = (x * dy - y * dx) / square - root[YAW, j] + root[BEARING, j]
         aa, ab, bb = aa + a * a, ab + a * b, bb + b * b
     if entry < 0:
@@ -126,8 +128,6 @@ def branch(
     marks = places.shape[0]
     clutter = math.log(p.outlier * p.outlier_density)
     landmark = math.log((1.0 - p.outlier) / marks)
-    sigmas = np.empty(2)
-    sigmas[0], sigmas[1] = deviations(seen[0], rate, p)
     found = 0
     for h in range(count):
         weight[found], parent[found], mark[found] = bank.log_weights[h] + clutter, h, -1
@@ -139,7 +139,7 @@ def branch(
             held = slot >= 0 and bank.held[h, slot] == m
             squared, density = linear_density(
                 bank.means[h], bank.roots[h], places[m], SIZE + 2 * slot if held else -1,
-                seen, sigmas, p,
+                seen, rate, p,
             )  # fmt: skip
             if squared <= 1.5 * p.gate:
                 weight[found] = bank.log_weights[h] + landmark + density

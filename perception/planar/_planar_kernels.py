@@ -131,7 +131,7 @@ def _predicted(mean: np.ndarray, root: np.ndarray, weights: Weights, scratch: Sc
 
 @njit(cache=True)
 def deviations(depth: float, rate: float, p: Parameters) -> tuple[float, float]:
-    """Standard deviations of depth, m, and bearing, rad, of one sighting; rate: turn of the body, rad/s."""
+    """Standard deviations of depth, m, and bearing, rad, of a sighting at a depth; rate: turn of the body, rad/s."""
     return math.hypot(p.depth_near, p.depth_far * depth * depth), math.hypot(
         p.bearing_sigma, p.bearing_turning * rate
     )
@@ -177,8 +177,10 @@ def correct(
 ) -> tuple[int, float]:
     """Update with one sighting of a known landmark; (status, log density) as `corrected`."""
     points, seen, noise = scratch.points, scratch.seen, scratch.noise_seen
-    noise[0, 0], noise[1, 1] = deviations(measured[0], rate, p)
     bearing_seen = not math.isnan(measured[1])
+    # of the expected depth: by the measured one, the common error would follow each measurement and explain it
+    depth, _ = expected(mean, place, slot, 0.0, p, bearing_seen)
+    noise[0, 0], noise[1, 1] = deviations(depth, rate, p)
     scratch.measured[0], scratch.measured[1] = measured[0], measured[1]
     if not bearing_seen:
         scratch.measured[1], noise[1, 1] = 0.0, NO_BEARING

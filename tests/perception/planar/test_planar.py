@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
+import itertools
 import math
 import sys
 from pathlib import Path
@@ -89,6 +90,25 @@ def test_it_stays_accurate_and_consistent_with(walks, fault):
     assert all(np.all(np.isfinite(f.means)) for f in found)
     for f in found:
         np.linalg.cholesky(f.covariances)
+
+
+@pytest.mark.parametrize("bearing", [0.0, math.nan])
+def test_the_density_of_a_sighting_is_one_over_all_depths(bearing):
+    """Whatever errors sightings share: a prediction that follows the measured depth would be no density of it."""
+    config = PlanarConfig(depth_far=0.002, depth_shared=5.0)
+    start = Gaussian(np.zeros(3), 1e-6 * np.eye(3))
+    depths = np.arange(2.0, 20.0, 0.1)
+    bearings = [bearing] if math.isnan(bearing) else np.arange(-0.05, 0.05, 0.002)
+    found = 0.0
+    for depth, seen in itertools.product(depths, bearings):
+        journey = Journey(
+            start, np.zeros((1, 3)), np.array([0, 1]), np.array([0]),
+            np.array([[depth, seen]]), np.array([[10.0, 0.0]]),
+        )  # fmt: skip
+        density = math.exp(filter_journey(journey, config).log_densities[0])
+        found += (density - config.outlier * config.outlier_density) / (1.0 - config.outlier)
+    cell = 0.1 * (1.0 if math.isnan(bearing) else 0.002)
+    assert found * cell == pytest.approx(1.0, abs=0.01)
 
 
 def test_without_recovery_it_stays_lost_after_a_kidnapping(walks):

@@ -125,9 +125,12 @@ def test_too_many_landmarks_or_none_are_refused(walks, count):
 @pytest.mark.parametrize("held", [True, False])
 def test_the_density_of_a_sighting_counts_all_that_is_uncertain(walks, held, seed):
     """A Gaussian, by differences of the geometry; the error of a landmark's place counts as a state, held or not."""
-    rng, p = np.random.default_rng(seed), walks.CONFIG.parameters
+    rng, sigmas = np.random.default_rng(seed), np.array([0.02, 0.01])
+    config = dataclasses.replace(
+        walks.CONFIG, depth_near=sigmas[0], depth_far=1e-9, bearing_sigma=sigmas[1]
+    )
+    p = config.parameters
     entry, place = _planar_kernels.SIZE, np.array([2.5, 0.1])
-    sigmas = np.array([0.02, 0.01])
     mean = np.zeros(entry + 2)
     mean[:3] = 0.05 * rng.normal(size=3)
     root = np.tril(0.01 * rng.normal(size=(entry + 2, entry + 2)))
@@ -147,7 +150,7 @@ def test_the_density_of_a_sighting_counts_all_that_is_uncertain(walks, held, see
     gaussian = multivariate_normal(sighting(mean), H @ root @ root.T @ H.T + np.diag(sigmas**2))
     seen = sighting(mean) + np.array([0.03, -0.02])
     squared, density = _association_kernels.linear_density(
-        mean, root, place, entry if held else -1, seen, sigmas, p
+        mean, root, place, entry if held else -1, seen, 0.0, p
     )
     off = seen - gaussian.mean
     # the error of a place that is not held: 1 % of depth's scale is left out
