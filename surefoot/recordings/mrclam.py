@@ -41,8 +41,13 @@ class RobotLog:
 
 
 def read_landmarks(folder: Path) -> dict[int, tuple[float, float]]:
-    """Position of each landmark by subject, m, world frame."""
+    """Position of each landmark by subject, m, world frame.
+
+    Raises:
+        RecordingError: The file is missing or damaged, or a landmark has two places.
+    """
     rows = _table(folder / "Landmark_Groundtruth.dat", 5)
+    check_unique(folder / "Landmark_Groundtruth.dat", "landmark", rows[:, 0])
     return {int(row[0]): (float(row[1]), float(row[2])) for row in rows}
 
 
@@ -57,9 +62,10 @@ def read_robot(folder: Path, robot: int) -> RobotLog:
     """Odometry and measurements of a robot.
 
     Raises:
-        RecordingError: A file is missing, or a row is not finite or not in order of time.
+        RecordingError: A file is missing, a row is not finite or not in order of time, or a barcode has two subjects.
     """
     codes = _table(folder / "Barcodes.dat", 2).astype(np.int64)
+    check_unique(folder / "Barcodes.dat", "barcode", codes[:, 1])
     subject = {int(code): int(number) for number, code in codes}
     seen = _table(folder / f"Robot{robot}_Measurement.dat", 4)
     subjects = np.array([subject.get(int(code), 0) for code in seen[:, 1]], np.int64)
@@ -71,6 +77,16 @@ def read_robot(folder: Path, robot: int) -> RobotLog:
                 f"{folder}: {name} of robot {robot} go back in time at row {back[0] + 1}; sort them"
             )
     return RobotLog(odometry, seen[:, 0].copy(), subjects, seen[:, 2:4].copy())
+
+
+def check_unique(where: Path | str, what: str, numbers: np.ndarray) -> None:
+    """Refuse a number that stands for two things, since each of its sightings may be of either."""
+    found, counts = np.unique(numbers.astype(np.int64), return_counts=True)
+    if np.any(counts > 1):
+        raise RecordingError(
+            f"{where}: {what} {found[counts > 1][0]} is listed {counts.max()} times; expected once: give each its own "
+            f"number, or leave out all lines of {what}s that cannot be told apart"
+        )
 
 
 def _table(path: Path, columns: int) -> Float[np.ndarray, "n c"]:

@@ -15,6 +15,7 @@ from perception.primitives.errors import RecordingError
 from perception.primitives.safe_input import UnreadableError
 
 from .matlab import read_tables
+from .mrclam import check_unique
 
 
 @dataclass(frozen=True)
@@ -45,13 +46,14 @@ def read_plaza(path: Path) -> RangeLog:
     """Read a Plaza file (MATLAB).
 
     Raises:
-        RecordingError: The file does not exist or lacks a table.
+        RecordingError: The file does not exist or lacks a table, or a beacon has two places.
     """
     try:
         found = read_tables(path)
     except UnreadableError as error:
         raise RecordingError(f"{path} {error}; expected a MATLAB file") from error
     odometry, ranges, beacons, truth = (_table(path, found, name) for name in _COLUMNS)
+    check_unique(f"{path}, table TL", "beacon", beacons[:, 0])
     order = np.argsort(ranges[:, 0], kind="stable")
     ranges = ranges[order]
     identities = beacons[:, 0].astype(np.int64).tolist()

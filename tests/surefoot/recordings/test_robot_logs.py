@@ -7,6 +7,7 @@ import shutil
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from perception.primitives.errors import RecordingError
 from surefoot.recordings import mrclam
@@ -56,6 +57,7 @@ def test_a_gzipped_file_gives_the_same_table(folder):
         ("Robot1_Odometry.dat", " 9.0 x 0.0\n", "expected 3 numbers"),
         ("Robot1_Odometry.dat", " 9.0 0 0\n 8.0 0 0\n", "go back in time at row 1"),
         ("Robot1_Measurement.dat", None, "no such file"),
+        ("Barcodes.dat", " 1 5\n 6 63\n 7 63\n", "barcode 63 is listed 2 times"),
     ],
 )
 def test_an_unreadable_file_is_refused_with_its_reason(folder, name, text, match):
@@ -65,6 +67,20 @@ def test_an_unreadable_file_is_refused_with_its_reason(folder, name, text, match
         (folder / name).write_text(text)
     with pytest.raises(RecordingError, match=match):
         mrclam.read_robot(folder, 1)
+
+
+def test_two_places_of_one_number_are_refused(folder, tmp_path):
+    (folder / "Landmark_Groundtruth.dat").write_text(" 6 0.5 -4 0 0\n 7 1 1 0 0\n 6 3 2 0 0\n")
+    with pytest.raises(RecordingError, match="landmark 6 is listed 2 times"):
+        mrclam.read_landmarks(folder)
+    tables = {
+        "DR": np.array([[0.0, 0.0, 0.0], [1.0, 0.1, 0.0]]),
+        "TD": np.array([[0.5, 0.0, 9.0, 2.0]]),
+        "TL": np.array([[9.0, 0.0, 1.0], [9.0, 4.0, 1.0]]),
+    }
+    savemat(tmp_path / "log.mat", tables)
+    with pytest.raises(RecordingError, match="table TL: beacon 9 is listed 2 times"):
+        read_plaza(tmp_path / "log.mat")
 
 
 def test_the_real_robots_measured_landmarks_and_each_other(recordings):
