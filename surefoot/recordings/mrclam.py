@@ -9,6 +9,7 @@ International Journal of Robotics Research 30 (2011).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +22,8 @@ from perception.primitives.safe_input import UnreadableError
 
 ROBOTS = range(1, 6)
 """Subjects 1 to 5 are robots, the others landmarks."""
+
+BESIDE = 0.01  # ours: share of misread bearings that is left to the localiser
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,8 @@ def read_robot(folder: Path, robot: int) -> RobotLog:
     """Odometry and measurements of a robot.
 
     Raises:
-        RecordingError: A file is missing, a row is not finite or not in order of time, or a barcode has two subjects.
+        RecordingError: A file is missing, a row is not finite or not in order of time, a barcode has two subjects, or
+            bearings are none of a camera.
     """
     codes = _table(folder / "Barcodes.dat", 2).astype(np.int64)
     check_unique(folder / "Barcodes.dat", "barcode", codes[:, 1])
@@ -76,6 +80,13 @@ def read_robot(folder: Path, robot: int) -> RobotLog:
             raise RecordingError(
                 f"{folder}: {name} of robot {robot} go back in time at row {back[0] + 1}; sort them"
             )
+    beside = np.flatnonzero(np.abs(seen[:, 3]) >= math.pi / 2.0)
+    if len(beside) > BESIDE * len(seen):
+        raise RecordingError(
+            f"{folder}: bearing {seen[beside[0], 3]:g} in row {beside[0] + 1} of the measurements of robot {robot}, and in "
+            f"{len(beside)} rows more than a quarter turn; expected rad, and depths of what is ahead of a camera. Convert "
+            "degrees; give the ranges of a scanner all round without bearings, as a Plaza file (docs/recordings.md)"
+        )
     return RobotLog(odometry, seen[:, 0].copy(), subjects, seen[:, 2:4].copy())
 
 

@@ -57,6 +57,7 @@ def test_a_gzipped_file_gives_the_same_table(folder):
         ("Robot1_Odometry.dat", " 9.0 x 0.0\n", "expected 3 numbers"),
         ("Robot1_Odometry.dat", " 9.0 0 0\n 8.0 0 0\n", "go back in time at row 1"),
         ("Robot1_Measurement.dat", None, "no such file"),
+        ("Robot1_Measurement.dat", " 10.0 63 2.0 0.1\n 11.0 63 3.0 12.0\n", "row 2 .*expected rad"),
         ("Barcodes.dat", " 1 5\n 6 63\n 7 63\n", "barcode 63 is listed 2 times"),
     ],
 )
