@@ -54,6 +54,11 @@ WORDS = {
     GRAPH: "covariances of all poses together follow from the pose graph",
 }
 
+ROUGH = (
+    "; rotations or correlations are missing, so that motions are not judged and what alignment removes is a rough guess: "
+    "give full covariances of the poses, or a truth in the same axes with --same-axes"
+)
+
 
 @dataclass(frozen=True)
 class Claims:
@@ -72,6 +77,18 @@ class Claims:
     rows: Int[np.ndarray, "n"]
     covariances: Float[np.ndarray, "n k k"]
     graph: PoseGraph | None = None
+
+    @property
+    def complete(self) -> bool:
+        """Whether they tell how errors of rotation move later positions: poses, and not standard deviations alone."""
+        return self.kind != POSITION and bool(
+            np.any(self.covariances[:, ~np.eye(self.covariances.shape[1], dtype=bool)])
+        )
+
+    @property
+    def words(self) -> str:
+        """How they are taken."""
+        return WORDS[self.shared] + ROUGH * (self.shared == GROWING and not self.complete)
 
     def left(self, poses: Trajectory, chosen: Int[np.ndarray, "m"]) -> Float[np.ndarray, "m k k"]:
         """Covariances of the errors that remain after rigid alignment over some of the rows.
@@ -162,7 +179,8 @@ class Claims:
     ) -> tuple[Float[np.ndarray, "j k"], Float[np.ndarray, "j k k"]] | None:
         """Errors of the motions between poses `lag` apart, one after the other, and their covariances.
 
-        None unless errors accumulate: only then are those of motions independent, and their covariances known.
+        None unless errors accumulate and claims are complete: only then are those of motions independent, and their
+        covariances known.
 
         Args:
             poses: The trajectory.
@@ -171,7 +189,7 @@ class Claims:
             lag: Number of poses from one to the next.
             truth: Covariance of a true pose.
         """
-        if self.shared != GROWING:
+        if self.shared != GROWING or not self.complete:
             return None
         at = np.arange(0, len(chosen), lag)
         carry = self.carry(poses.positions[self.rows[chosen[at]]])

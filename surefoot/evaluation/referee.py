@@ -19,7 +19,7 @@ from perception.primitives.errors import InputError
 
 from ..results.tables import Trajectory
 from .conventions import doubt
-from .foreign_covariance import PLANAR, POSITION, SPACE, WORDS, Claims, read_claims
+from .foreign_covariance import PLANAR, POSITION, SPACE, Claims, read_claims
 from .foreign_trajectory import ForeignTrajectory, pairs, read_trajectory
 from .metrics import calibration as scores
 from .metrics.consistency import consistency_metrics, effective_samples, squared, whitened
@@ -150,9 +150,7 @@ def judge(
     steps = np.linalg.norm(np.diff(true.positions, axis=0), axis=1)
     travelled = np.concatenate([[0.0], np.cumsum(steps)])[rows]
     metrics["covariances"] = (
-        "estimate and truth have the same axes: covariances as given"
-        if same_axes
-        else WORDS[claims.shared]
+        "estimate and truth have the same axes: covariances as given" if same_axes else claims.words
     )
     some = np.unique(np.linspace(0, len(chosen) - 1, min(len(chosen), TOGETHER)).astype(np.int64))
     joint = claims.together(estimate.poses, chosen[some], not same_axes)

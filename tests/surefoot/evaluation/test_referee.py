@@ -116,6 +116,34 @@ def test_exact_claims_of_growing_errors_stay_exact_after_the_alignment(tmp_path)
     assert np.mean(ratios) == pytest.approx(1.0, abs=3.5 * np.std(ratios) / math.sqrt(20))
 
 
+@pytest.mark.parametrize(
+    "columns",
+    [
+        "P_0,P_1,P_2,P_3,P_4,P_5,P_6,P_7,P_8",
+        "sigma_x,sigma_y,sigma_z",
+        "sigma_x,sigma_y,sigma_z,sigma_roll,sigma_pitch,sigma_yaw",
+    ],
+)
+def test_motions_are_not_judged_by_claims_that_do_not_tell_how_rotations_move_them(
+    tmp_path, columns
+):
+    """The claims are exact, whatever of them is written."""
+    for seed in range(3):
+        walk = Walk(seed)
+        found, _, truth = walk.write(tmp_path)
+        all_of = np.array(walk.covariances)
+        values = all_of[:, :3, :3].reshape(-1, 9)
+        if "sigma" in columns:
+            sigmas = np.sqrt(np.diagonal(all_of, axis1=1, axis2=2))
+            values = sigmas[:, : columns.count(",") + 1]
+        table = np.column_stack([walk.stamps, values])
+        header = f"stamp,{columns}"
+        np.savetxt(tmp_path / "part.csv", table, delimiter=",", header=header, comments="")
+        judged = judge_files(found, tmp_path / "part.csv", truth).metrics
+        assert judged.get("motions", {"verdict": IN_BAND})["verdict"] == IN_BAND
+        assert "rough guess" in judged["covariances"]
+
+
 @pytest.mark.parametrize("planar", [False, True])
 def test_independent_claims_of_three_components_stay_exact_after_the_alignment(tmp_path, planar):
     rng = np.random.default_rng(3)
