@@ -167,8 +167,8 @@ def relation(table: str, sources: Sequence[tuple[str, Source]]) -> str:
     for name, source in sources:
         if source.files.get(table):
             run = RUN if source.run is None else parquet.quoted(source.run)
-            named = f"{parquet.quoted(name + '/')} || {run}" if name and source.run is None else run
-            given = ", ".join(parquet.quoted(one) for one in source.files[table])
+            named = f"{parquet.quoted(name + '/')} || {run}" if name else run
+            given = ", ".join(parquet.file(one) for one in source.files[table])
             rest = f"* EXCLUDE ({RUN})" if source.run is None else "*"
             selects.append(
                 f"(SELECT {named} AS {RUN}, {rest} FROM read_parquet([{given}], union_by_name = true))"
@@ -212,7 +212,7 @@ def _members(part: Path) -> dict[str, tuple[int, bool]]:
     """The runs of a part: when their tables were written, ns, and whether these are damaged."""
     database = parquet.connect(threads=1)
     try:
-        file = parquet.quoted(part / f"{MEMBERS}.parquet")
+        file = parquet.file(part / f"{MEMBERS}.parquet")
         rows = database.execute(f"SELECT * FROM read_parquet({file})").fetchall()
     except duckdb.Error:
         return {}
@@ -291,7 +291,7 @@ def _of_runs(table: str, place: Path, runs: Sequence[str]) -> list[str]:
         f'CAST("{one.name}" AS {one.kind}) AS "{one.name}"' for one in TABLES[table]
     )
     files = [place / run / FOLDER / f"{table}.parquet" for run in runs]
-    there = [parquet.quoted(one) for one in files if one.is_file()]
+    there = [parquet.file(one) for one in files if one.is_file()]
     if not there:
         return []
     return [

@@ -8,6 +8,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 
@@ -188,7 +189,7 @@ def _errors(curves: Sequence[np.ndarray]) -> str:
 def _run(side: Side, key: str, which: str, path: Path, at_s: float) -> str:
     """The view of a run that is nearest to an instant, with a link to the report of the run."""
     run = RunFolder(side.folder(key))
-    link = html.escape(os.path.relpath(run.path("report.html"), path.resolve().parent))
+    link = quote(os.path.relpath(run.path("report.html").resolve(), path.resolve().parent))
     views = [one for one in run.read_json("views.json") or [] if run.has(one["file"])]
     views.sort(key=lambda one: (one["name"] != "colour", abs(one["stamp"] - at_s)))
     image = ""

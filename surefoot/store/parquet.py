@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,11 @@ def form(metadata: Mapping[str, str] = OWN) -> str:
 def quoted(text: object) -> str:
     """A text as SQL."""
     return "'" + str(text).replace("'", "''") + "'"
+
+
+def file(path: str | Path) -> str:
+    """A file to read as SQL; DuckDB takes a bare *, ? or [ of a path for a pattern, which other files fit too."""
+    return quoted(re.sub(r"[*?[]", r"[\g<0>]", str(path)))
 
 
 def write(database: duckdb.DuckDBPyConnection, table: str, values: Values, path: Path) -> None:

@@ -57,7 +57,10 @@ class Asker:
         for table in TABLES:
             self._database.execute(f'CREATE VIEW "{table}" AS {relation(table, sources)}')
         folders = [folder for _, source in sources for folder in source.folders]
-        allowed = ", ".join(parquet.quoted(f"{folder}/") for folder in folders)
+        names = [
+            name(f"{folder}/") for folder in folders for name in (parquet.quoted, parquet.file)
+        ]
+        allowed = ", ".join(names)  # a pattern must be allowed as well as the file that it names
         self._database.execute(f"SET allowed_directories = [{allowed}]")
         self._database.execute(f"SET memory_limit = '{MEMORY}'")
         self._database.execute("SET temp_directory = ''")  # nothing is written

@@ -62,6 +62,15 @@ def test_new_runs_are_added_and_the_others_not_read_again(many):
     assert (many / collection.STORE / "part-000002/runs.parquet").stat().st_mtime_ns > stamp
 
 
+def test_names_that_are_patterns_stand_for_one_run(tmp_path):
+    names = ["ab", "*", "a?", "[ab]b", "**", "a[", "[!x]b", "it's *", "50%"]
+    for seed, name in enumerate(names):
+        write_run_tables(make_run(tmp_path / "[runs]" / name, seed=seed))
+    (tmp_path / "r").symlink_to("[runs]")
+    assert seeds(tmp_path / "[runs]") == {name: seed for seed, name in enumerate(names)}
+    assert seeds(tmp_path / "[runs]/*") == {"*": 1}
+
+
 def test_an_unchanged_folder_leaves_the_store_as_it_is(many):
     seeds(many)
     before = {one: one.stat().st_mtime_ns for one in (many / collection.STORE).rglob("*")}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -65,6 +66,17 @@ def test_several_places_give_their_runs_their_own_names(many):
     with asker([many / "walk-1", many], print) as tables:
         rows = tables.ask("SELECT run FROM runs ORDER BY run").rows
     assert len(rows) == len(set(rows)) == 4
+
+
+def test_single_runs_of_one_name_stay_apart(many, tmp_path):
+    for seed in range(2):
+        shutil.copytree(many / f"walk-{seed}", tmp_path / str(seed) / "walk")
+    places = [tmp_path / str(seed) / "walk" for seed in range(2)]
+    with asker(places, print) as tables:
+        rows = tables.ask("SELECT run, seed, ate_m FROM runs JOIN metrics USING (run)").rows
+    assert sorted(rows) == [
+        (f"{places[k]}/walk", k, pytest.approx(0.01 * (k + 1))) for k in range(2)
+    ]
 
 
 def test_every_example_has_an_answer(many):
