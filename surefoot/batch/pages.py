@@ -15,7 +15,7 @@ from ..report import batch_page
 from ..report.batch_page import INDEX
 from ..results.formats import cell
 from ..results.run_folder import BATCH_TABLE, RunFolder
-from ..words import count_of
+from ..words import count_of, printable
 from .job import DONE, Job
 from .ledger import QUARANTINED, Ledger
 from .thumbnails import thumbnail
@@ -74,12 +74,12 @@ def rows(jobs: Sequence[Job], ledger: Ledger) -> list[Row]:
             figures[key] = int(figures[key])
         found.append(
             Row(
-                job.source,
-                job.name,
+                printable(job.source),
+                printable(job.name),
                 job.target if done else "",
                 end["event"],
                 wall_s=end.get("wall_s"),
-                reason=_reason(job, end),
+                reason=printable(_reason(job, end)),
                 **figures,
             )
         )

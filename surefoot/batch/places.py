@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from .addresses import is_address, recordings_at
 from .job import EVALUATE, SIMULATE, Job
 
 LIST = ".txt"  # a file of places, one a line
+LONGEST_NAME = 200  # bytes, ours: file systems take 255
 
 
 @dataclass(frozen=True)
@@ -45,8 +47,14 @@ def jobs_of_places(order: Order, places: Sequence[str], out: Path) -> list[Job]:
         InputError: A place does not exist, there is no recording, or two would get the same name.
     """
     found: dict[str, str] = {}
+    seen: set[str | Path] = set()
     for place in unfolded(places):
-        found |= _found(order, place)
+        for source, digest in _found(order, place).items():
+            # by another path or a link it is the same recording
+            one = source if is_address(source) else Path(source).resolve()
+            if one not in seen:
+                found[source] = digest
+            seen.add(one)
     if not found:
         what = "run" if order.verb == EVALUATE else "recording"
         raise InputError(
@@ -115,6 +123,8 @@ def current_identity(job: Job) -> str:
 def names_of(sources: Sequence[str]) -> list[str]:
     """A name for each: its own without ending, preceded by those of as many folders as tell it from the others.
 
+    A name that leaves no room for the endings of files is cut, and gets a digest of the whole.
+
     Raises:
         InputError: Two are the same to the root.
     """
@@ -125,13 +135,20 @@ def names_of(sources: Sequence[str]) -> list[str]:
         counts = Counter(names)
         twice = [k for k, name in enumerate(names) if counts[name] > 1]
         if not twice:
-            return names
+            return [_short(name) for name in names]
         for k in twice:
             if taken[k] >= len(parts[k]):
                 raise InputError(
                     f"two recordings would both be called {names[k]}; process them separately"
                 )
             taken[k] += 1
+
+
+def _short(name: str) -> str:
+    whole = os.fsencode(name)
+    if len(whole) <= LONGEST_NAME:
+        return name
+    return f"{whole[:LONGEST_NAME].decode(errors='ignore')}-{hashlib.sha256(whole).hexdigest()[:8]}"
 
 
 def _parts(source: str) -> list[str]:

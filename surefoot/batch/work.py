@@ -1,13 +1,15 @@
 """One job in a worker process: from the recording to a complete run folder, or to the reason why there is none.
 
-A run is made in a folder with a temporary name, which gets its final name when it is complete. Two workers may make the same
+A run is made inside a folder with a temporary name, and moved out of it when it is complete. Two workers may make the same
 run, when one of them is thought lost: the first to finish names it, and both are the same to the bit.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import html
+import json
 import shutil
 import time
 import uuid
@@ -24,6 +26,7 @@ from ..results.run_folder import RunFolder
 from ..results.version import version
 from ..store.run_metrics import metrics_row
 from ..store.run_tables import write_run_tables
+from ..words import printable
 from .addresses import fetched, is_address
 from .job import AGAIN, DIED, DONE, EVALUATE, FAILED, MAP, PANORAMA, PROCESS, SIMULATE, Answer, Job
 from .places import current_identity
@@ -59,6 +62,8 @@ def _done(job: Job) -> Answer:
         raise SurefootError(
             f"the worker has surefoot {version()}, the batch {job.version}; install the same on all workers"
         )
+    if printable(job.source) != job.source:
+        raise RecordingError(f"{job.source}: its name is not UTF-8; rename it")
     identity = current_identity(job)
     reason = _evaluated(job) if job.verb == EVALUATE else _made(job)
     return {"status": DONE, "reason": reason, "identity": identity, "figures": figures_of(job)}
@@ -82,21 +87,23 @@ def _evaluated(job: Job) -> str:
 
 
 def _made(job: Job) -> str:
-    """Make a run under a temporary name, and publish it; a remark on how it ended."""
+    """Make a run in a temporary folder, and publish it; a remark on how it ended."""
     target = Path(job.target)
     if is_complete(target):  # by a worker that was thought lost
         return ""
-    part = target.with_name(f"{PART}{target.name}-{uuid.uuid4().hex[:8]}")
+    begun = f"{PART}{hashlib.sha256(target.name.encode()).hexdigest()[:8]}"
+    stage = target.with_name(f"{begun}-{uuid.uuid4().hex[:8]}")
+    part = stage / target.name  # its own name, so that what quotes it need not be quoted anew
     try:
         with _at_hand(job) as source:
             remark = _VERBS[job.verb](job, source, part)
-            _rename_inside(part, {part.name: target.name, str(source): job.source})
+            _rename_inside(part, {f"{stage.name}/": "", str(source): job.source})
             write_run_tables(RunFolder(part))
         _publish(part, target)
     finally:
-        shutil.rmtree(part, ignore_errors=True)
-    for stale in target.parent.glob(f"{PART}{target.name}-????????"):
-        if not run_lock.is_held(stale):  # of a worker that was killed
+        shutil.rmtree(stage, ignore_errors=True)
+    for stale in target.parent.glob(f"{begun}-*"):
+        if not run_lock.is_held(stale / target.name):  # of a worker that was killed
             shutil.rmtree(stale, ignore_errors=True)
     return remark
 
@@ -116,11 +123,15 @@ def _at_hand(job: Job) -> Iterator[Path]:
 
 def _rename_inside(run: Path, names: dict[str, str]) -> None:
     """Give the commands and paths in summary and pages the names that are about to hold."""
-    for name, written in (("summary.json", str), ("report.html", html.escape)):
+    for name, written in (("summary.json", _in_json), ("report.html", html.escape)):
         text = (run / name).read_text(encoding="utf-8")
         for then, now in names.items():
             text = text.replace(written(then), written(now))
         (run / name).write_text(text, encoding="utf-8")
+
+
+def _in_json(text: str) -> str:
+    return json.dumps(text)[1:-1]
 
 
 def _publish(part: Path, target: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from pathlib import Path
 
 from perception.primitives.errors import RecordingError
@@ -30,7 +31,7 @@ def identity(path: Path, description: Path | None = None, apart_from: Path | Non
         files = [single] if single.is_file() else _files(path, apart_from)
         for file in files:
             name = file.name if single.is_file() else file.relative_to(path).as_posix()
-            digest.update(f"{name}\0{file.stat().st_size}\0".encode())
+            digest.update(os.fsencode(f"{name}\0{file.stat().st_size}\0"))
         read = files[:: max(1, -(-len(files) // MOST_FILES))]
         for file in read if description is None else [*read, description]:
             with file.open("rb") as content:

@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from importlib import resources
 from string import Template
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 import numpy as np
 
@@ -112,7 +113,7 @@ def _row(row: Mapping[str, Any], unusual: float, columns: Sequence[Column]) -> s
         else ""
     )
     name = html.escape(row["name"])
-    linked = f'<a href="{html.escape(row["link"])}">{image}{name}</a>' if row["link"] else name
+    linked = f'<a href="{quote(row["link"])}">{image}{name}</a>' if row["link"] else name
     cells = [
         f'<td title="{html.escape(row["recording"])}">{linked}</td>',
         f'<td class="{row["status"]}">{row["status"]}</td>',

@@ -28,6 +28,7 @@ from perception.primitives.errors import InputError, OutputError, RecordingError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.safe_input import UnreadableError
 
+from ..words import printable
 from . import run_json, run_lock
 from .formats import TUM_HEADER, cell, parse_json_lines, plain_json, refuse, tum_line
 from .tables import Table, Trajectory, read_table, read_tum
@@ -254,7 +255,7 @@ class RunFolder:
 
     def write_text(self, name: str, text: str) -> Path:
         """Write one UTF-8 text file atomically."""
-        return self.write_bytes(name, text.encode())
+        return self.write_bytes(name, printable(text).encode())
 
     def write_json(self, name: str, value: Any) -> Path:
         """Write standard JSON; NaN and infinity become null."""

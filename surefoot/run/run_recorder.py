@@ -5,6 +5,7 @@ Tables are written row by row, so that memory does not grow with the length of a
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -244,10 +245,10 @@ class RunRecorder:
 
     def _command(self) -> str:
         """The command that repeats this run."""
-        config = self._folder.path("config.toml")
+        config = str(self._folder.path("config.toml"))
         if self._recording:
-            return f"surefoot process {self._recording} --config {config}"
-        return f"surefoot simulate --config {config}"
+            return shlex.join(["surefoot", "process", self._recording, "--config", config])
+        return shlex.join(["surefoot", "simulate", "--config", config])
 
     def _close_tables(self, pipeline: Pipeline | LevelPipeline) -> None:
         """Close all tables."""

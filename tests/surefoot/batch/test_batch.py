@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from surefoot.batch import batch
 from surefoot.batch.batch import run_batch
 from surefoot.batch.ledger import LEDGER, Ledger
 from surefoot.batch.places import Order, jobs_of_places
+from surefoot.batch.work import do
 from surefoot.results.run_folder import RunFolder
 
 from .small import Answering, children_of, made, write_floor
@@ -193,6 +195,34 @@ def test_a_ledger_that_cannot_be_written_is_one_error(tmp_path):
         ledger.note("a", "done")
 
 
+@pytest.mark.parametrize("name", ['it\'s "dark" #2', "größe\n東京 [*]", "back\\slash", "n" * 250])
+def test_a_run_of_any_name_says_how_it_is_repeated(tmp_path, pages, name):
+    write_floor(tmp_path / "in" / name)
+    with pages():
+        rows, _ = run(tmp_path / "in", do)
+    (row,) = rows.values()
+    assert (row.status, row.recording) == ("done", str(tmp_path / "in" / name)), row.reason
+    summary = json.loads((Path(row.run) / "summary.json").read_text())
+    assert shlex.split(summary["command"]) == [
+        "surefoot", "process", str(tmp_path / "in" / name), "--config", f"{row.run}/config.toml",
+    ]  # fmt: skip
+    for file in filter(Path.is_file, (tmp_path / "out").rglob("*")):
+        assert b".part-" not in file.read_bytes(), file
+
+
+def test_a_name_that_is_not_utf8_is_a_reason_and_stops_no_other(tmp_path, pages):
+    for name in ("good", "bad"):
+        write_floor(tmp_path / "in" / name)
+    (tmp_path / "in/bad").rename(tmp_path / "in" / os.fsdecode(b"\xe9t\xe9"))
+    os.link(tmp_path / "in/good/depth/0.png", tmp_path / "in/good" / os.fsdecode(b"\xe9.png"))
+    with pages():
+        rows, _ = run(tmp_path / "in", do)
+    assert rows["good"].status == "done", rows["good"].reason
+    bad = table(tmp_path / "out")["\\udce9t\\udce9"]
+    assert (bad["status"], bad["reason"]) == ("failed", "its name is not UTF-8; rename it")
+    assert bad["recording"] == str(tmp_path / "in/\\udce9t\\udce9")
+
+
 @pytest.fixture
 def many(tmp_path):
     """A good recording, and one whose every image is broken."""
@@ -212,7 +242,7 @@ def command(many, *more):
 def test_a_killed_worker_and_a_broken_recording_cost_nothing_else(many):
     running = subprocess.Popen(command(many), stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120.0
-    while not list(many.glob("out/.part-walk-*")) and time.monotonic() < deadline:
+    while not list(many.glob("out/.part-*/walk")) and time.monotonic() < deadline:
         time.sleep(0.02)
     victims = children_of(running.pid)
     assert victims

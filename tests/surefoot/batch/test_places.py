@@ -25,6 +25,21 @@ def test_recordings_are_found_at_any_depth_and_only_once(recordings, tmp_path):
     assert {job.overrides for job in jobs} == {("seed=3",)}
 
 
+def test_a_recording_is_found_once_by_whatever_path(recordings, tmp_path, monkeypatch):
+    monkeypatch.chdir(recordings)
+    (recordings / "latest").symlink_to("night/c")
+    places = ["day/../day", str(recordings), "day/a"]
+    jobs = jobs_of_places(PROCESS, places, tmp_path / "out")
+    assert sorted(job.name for job in jobs) == ["b", "c", "day-a", "night-a"]
+
+
+def test_long_names_leave_room_for_the_endings_of_files(tmp_path):
+    names = names_of([f"/x/{day}/{'é' * 120}" for day in ("monday", "tuesday")])
+    assert len(set(names)) == 2
+    assert max(len(name.encode()) for name in names) < 240
+    assert names[0].startswith("monday-é")
+
+
 def test_a_list_names_places_relative_to_itself(recordings, tmp_path):
     (tmp_path / "these.txt").write_text("# two of them\nin/night/c\n\nin/day/b\n")
     jobs = jobs_of_places(PROCESS, [str(tmp_path / "these.txt")], tmp_path / "out")

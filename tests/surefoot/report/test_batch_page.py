@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html.parser
 from pathlib import Path
+from urllib.parse import unquote, urljoin, urlsplit
 
 import cv2
 import numpy as np
@@ -66,6 +67,13 @@ def test_recordings_without_a_run_come_first_and_then_the_unusual_ones():
     assert all(one.startswith(("data:", "walk-")) for one in cells.references)
     assert f"walk-{ROWS - 1}/report.html" in cells.references
     assert "false movers" not in cells.rows[0]  # no run has any
+
+
+@pytest.mark.parametrize("name", ["walk #3", "50% light", "why?", "10:30", 'it\'s "é"', "a&amp;b"])
+def test_a_link_leads_to_the_run_whatever_its_name_is(name):
+    shown = Cells(page("1 x process", "", [row(1, link=f"{name}/report.html")]))
+    address = urljoin("file:///runs/all/index.html", shown.references[-2])
+    assert unquote(urlsplit(address).path) == f"/runs/all/{name}/report.html"
 
 
 def test_how_unusual_a_run_is_counts_robust_standard_deviations_in_the_bad_direction():
