@@ -38,7 +38,11 @@ def lines(comparison: Comparison) -> list[str]:
         for row in rows
     ]
     first = f"{comparison.second.name} against {comparison.first.name}: {comparison.words}"
-    return [first, *(table if len(rows) > 1 else ()), *filter(None, [_equal(comparison)])]
+    return [
+        first,
+        *(table if len(rows) > 1 else ()),
+        *filter(None, [_equal(comparison), _left_out(comparison)]),
+    ]
 
 
 def write_page(comparisons: Sequence[Comparison], path: Path, say: Say) -> Path:
@@ -95,6 +99,10 @@ def _equal(comparison: Comparison) -> str:
     return f"equal in every pair: {', '.join(names)}" if names else ""
 
 
+def _left_out(comparison: Comparison) -> str:
+    return f"not compared: {'; '.join(comparison.left_out)}" if comparison.left_out else ""
+
+
 def _figures(comparison: Comparison) -> str:
     header = (
         "figure",
@@ -112,8 +120,9 @@ def _figures(comparison: Comparison) -> str:
         title = f'<span title="{html.escape(one.figure.words)}">{name}</span>'
         drawn = f"{change}<br>{_bar(one)}"
         rows.append((title, *cells, drawn, chance, f'<span class="{kind}">{verdict}</span>'))
-    said = html.escape(_equal(comparison))
-    return (numbers_table(header, rows) if rows else "") + (f"<p>{said}.</p>" if said else "")
+    said = filter(None, (_equal(comparison), _left_out(comparison)))
+    words = "".join(f"<p>{html.escape(one)}.</p>" for one in said)
+    return (numbers_table(header, rows) if rows else "") + words
 
 
 def _bar(one: Judged) -> str:

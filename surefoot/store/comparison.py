@@ -21,6 +21,7 @@ import numpy as np
 
 from perception.primitives.errors import InputError
 
+from ..words import count_of
 from .collection import Say
 from .paired import Paired, fewest, holm, paired
 from .sides import FIGURES, UNJUDGED, Figure, Side, read_side
@@ -89,6 +90,27 @@ class Comparison:
         return [one for one in self.judged if one.difference.equal < one.difference.number]
 
     @property
+    def left_out(self) -> list[str]:
+        """What only one side has, in words: recordings, and figures of pairs. What fails on one side is not compared."""
+        found = []
+        for one, other in ((self.first, self.second), (self.second, self.first)):
+            alone = [label for key, label in one.labels.items() if key not in other.labels]
+            if alone:
+                found.append(
+                    f"{len(alone)} of {len(one.labels)} only in {one.name} ({_some(alone)})"
+                )
+            for name in (figure.name for figure in FIGURES):
+                keys = [
+                    k for k in self.pairs if name in one.metrics[k] and name not in other.metrics[k]
+                ]
+                if keys:
+                    some = _some([one.labels[key] for key in keys])
+                    found.append(
+                        f"{name} of {count_of(len(keys), 'pair')} only in {one.name} ({some})"
+                    )
+        return found
+
+    @property
     def words(self) -> str:
         """The verdict in a few words."""
         count = len([one for one in self.judged if not math.isnan(one.adjusted)])
@@ -115,6 +137,7 @@ class Comparison:
             "pairs": len(self.pairs),
             "equal": not self.found,
             "verdict": self.words,
+            "left_out": self.left_out,
             "alarm": self.alarm,
             "figures": figures,
             "settings": {name: [before, after] for name, before, after in self.settings},
@@ -146,7 +169,7 @@ def compared(first: Side, second: Side, alarm: float = ALARM) -> Comparison:
     if not pairs:
         raise InputError(
             f"{first.name} and {second.name} have no recording, and no scene with a seed, in common: "
-            f"{_some(first.labels)} against {_some(second.labels)}"
+            f"{_some([*first.labels.values()])} against {_some([*second.labels.values()])}"
         )
     asked = (_differences(figure, first, second, pairs) for figure in (*FIGURES, *UNJUDGED))
     known = [one for one in asked if one is not None]
@@ -260,5 +283,5 @@ def _changed(first: Side, second: Side) -> tuple[tuple[str, str, str], ...]:
     )
 
 
-def _some(labels: Mapping[str, str]) -> str:
-    return ", ".join(list(labels.values())[:3]) + (", ..." if len(labels) > 3 else "")
+def _some(labels: Sequence[str]) -> str:
+    return ", ".join(labels[:3]) + (", ..." if len(labels) > 3 else "")

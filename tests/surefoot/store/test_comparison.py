@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 from perception.primitives.errors import InputError
 from surefoot.cli.main import main
+from surefoot.store.compare_page import lines
 from surefoot.store.comparison import BETTER, SILENT, WORSE, compared, shown_change
 from surefoot.store.run_tables import write_run_tables
 from surefoot.store.sides import Side, read_side
@@ -92,6 +93,23 @@ def test_a_figure_is_compared_over_the_pairs_that_both_know():
     assert found["ate_m"].difference.number == 1
     with pytest.raises(InputError, match="in common"):
         compared(side("a", ate_m=[0.1]), Side("b", Path("b"), (), {"x": {}}, {"x": "x"}, {"x": "x"}, {}))  # fmt: skip
+
+
+def test_what_only_one_side_has_is_named():
+    first = side("before", ate_m=[0.1, 0.2, 0.3, None], contacts=[0, 0, 1, 0])
+    second = side("after", ate_m=[0.1, None, None, 0.4], contacts=[0, 0, 1, 0])
+    for name, of in (("lost", first), ("new", second)):
+        of.metrics[name], of.labels[name] = {"ate_m": 0.5}, name
+    found = compared(first, second)
+    assert found.left_out == [
+        "1 of 5 only in before (lost)",
+        "ate_m of 2 pairs only in before (sequence 1, sequence 2)",
+        "1 of 5 only in after (new)",
+        "ate_m of 1 pair only in after (sequence 3)",
+    ]
+    assert found.content()["left_out"] == found.left_out
+    assert lines(found)[-1] == "not compared: " + "; ".join(found.left_out)
+    assert compared(first, first).left_out == []
 
 
 def test_more_figures_ask_for_more_evidence():
