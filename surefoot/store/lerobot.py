@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from mapping.io.atomic_write import PART
 from perception.primitives.errors import InputError, OutputError
 
 from ..results.formats import refuse
@@ -52,20 +53,23 @@ def export(runs: Sequence[RunFolder], out: Path, say: Say, fps: int | None = Non
         InputError: A run has no poses, or other features than the first.
         OutputError: The folder holds something, or cannot be written.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+    part = (
+        out / f"{PART}dataset"
+    )  # inside: the folder may be the working directory, or a disk of its own
+    new = not out.exists()
+    if not new and (not out.is_dir() or any(one != part for one in out.iterdir())):
         raise OutputError(f"{out} is not empty; choose another folder for the dataset")
-    part = out.with_name(f".part-{out.name}")
     shutil.rmtree(part, ignore_errors=True)
     try:
         _write(runs, part, say, fps)
-        out.parent.mkdir(parents=True, exist_ok=True)
-        if out.exists():
-            out.rmdir()
-        part.rename(out)
+        for name in ("data", "meta"):
+            (part / name).rename(out / name)
     except OSError as error:
         refuse(error, out)
     finally:
         shutil.rmtree(part, ignore_errors=True)
+        if new and out.is_dir() and not any(out.iterdir()):
+            out.rmdir()
     return out
 
 

@@ -215,6 +215,17 @@ def test_runs_that_do_not_fit_together_are_refused(runs, tmp_path):
         export([RunFolder(empty.root)], tmp_path / "set", print)
 
 
+def test_the_working_directory_may_become_the_dataset_if_it_is_empty(runs, tmp_path, monkeypatch):
+    here = tmp_path / "here"
+    here.mkdir()
+    before = here.stat().st_ino
+    monkeypatch.chdir(here)
+    export(runs, Path(), print)
+    assert sorted(one.name for one in here.iterdir()) == ["data", "meta"]
+    assert here.stat().st_ino == before  # still that of the shell
+    assert check(here)["total_episodes"] == len(runs)
+
+
 def test_the_verb_writes_a_dataset(runs, tmp_path):
     words = ["export", str(runs[0].root), str(runs[1].root), "--lerobot", str(tmp_path / "set")]
     done = CliRunner().invoke(main, words)
