@@ -97,7 +97,7 @@ VERBS = {
     ),
     "map": Verb(("map", "walk", "--out", "out"), (), "out/.part-*/*"),
     "experiment": Verb(("experiment", "tiny", "--out", "out"), ("--resume",), "out/.part-*/*"),
-    "batch": Verb(("batch", "process", "walks", "--out", "out", "--workers", "1"), (), "out/.part-*/map.yaml"),
+    "batch": Verb(("batch", "process", "walks", "--out", "out", "--workers", "1"), (), "out/.part-*/*/map.yaml"),
 }  # fmt: skip
 
 
