@@ -113,7 +113,9 @@ def _row(row: Mapping[str, Any], unusual: float, columns: Sequence[Column]) -> s
         else ""
     )
     name = html.escape(row["name"])
-    linked = f'<a href="{quote(row["link"])}">{image}{name}</a>' if row["link"] else name
+    linked = (
+        f'<a href="{quote(row["link"])}">{image}{name}</a>' if row["link"] else f"<div>{name}</div>"
+    )
     cells = [
         f'<td title="{html.escape(row["recording"])}">{linked}</td>',
         f'<td class="{row["status"]}">{row["status"]}</td>',

@@ -131,3 +131,15 @@ def test_a_heading_sorts_by_its_column_in_both_directions_and_unknown_ones_stay_
     assert up[:-2] == with_time
     assert down[:-2] == with_time[::-1]
     assert {*up[-2:]} == {*down[-2:]} == {"walk-20", "walk-30"}
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+def test_a_long_name_hides_no_figures(tmp_path):
+    rows = batch()
+    rows[7]["name"] = rows[20]["name"] = "n" * 200
+    place = Path(tmp_path) / "index.html"
+    place.write_text(page("40 x process", "38 of 40 done", rows))
+    with Browser(tmp_path / "profile") as browser:
+        browser.open(place, 1200)
+        right = "document.querySelector('thead th:last-child').getBoundingClientRect().right"
+        assert browser.run(right) <= 1200
