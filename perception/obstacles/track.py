@@ -49,6 +49,7 @@ from .habits import LONGEST_S, STRAIGHT_M2PS3, Habits, pushes
 PLACE, VELOCITY, VIEW = slice(0, 2), slice(2, 4), slice(4, 7)
 """Entries: x, y; vx, vy of the obstacle; error of the viewpoint in x, y, yaw; m, m/s, rad, world axes."""
 
+FORGOTTEN = 30.0  # memories after which a float keeps nothing of a shift: e^-30 is 1e-13
 SHAPE_MEMORY_S = 5.0  # ours: time in which the shift of a partly visible centre decays to 1/e
 DRIFT_M2PS, DRIFT_RAD2PS = 0.003**2, math.radians(0.15) ** 2
 """Ours: growth of the variances of a pose by odometry, per axis and of the heading, per second; wide for a walk."""
@@ -212,7 +213,7 @@ class Track:
             self._habits.pass_time(belief.w, rates, dt)
             chances = _track_kernels.changes(rates, 0.5 * dt)
             _track_kernels.go_on(belief, chances, fresh, dt, pushes(fresh))
-        shifts = self._wander_m2 * math.expm1(dt / SHAPE_MEMORY_S)
+        shifts = self._wander_m2 * math.expm1(min(dt / SHAPE_MEMORY_S, FORGOTTEN))
         drift = np.full(3, shifts + DRIFT_M2PS * dt)
         drift[2] = DRIFT_RAD2PS * dt
         _track_kernels.look_from(belief, *_track_kernels.renewal(before, drift, self._view))

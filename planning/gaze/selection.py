@@ -26,6 +26,7 @@ from ..commands import GazeCommand
 from . import _gaze_kernels
 from .evaluations import EvaluationConfig
 
+LEAST_STEP_DEG = 0.1  # ours: 10^6 directions; ten times finer takes gigabytes
 REST_S = 0.20  # dT of seed 000: from the first image of a step to the second, and the next decision
 
 
@@ -50,8 +51,10 @@ class GazeMapConfig:
     literal: bool = False  # a rectangle of pan and tilt, and the mean of all stale ground
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.step_deg <= 10.0:
-            raise ConfigError(f"gaze: step_deg={self.step_deg} must lie in (0, 10]")
+        if not LEAST_STEP_DEG <= self.step_deg <= 10.0:
+            raise ConfigError(
+                f"gaze: step_deg={self.step_deg} must lie in [{LEAST_STEP_DEG:g}, 10]"
+            )
         for name in ("across_deg", "down_deg"):
             value = getattr(self, name)
             if not 0.0 < value < 180.0:

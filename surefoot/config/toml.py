@@ -221,7 +221,7 @@ def _value(wanted: Any, value: Any, place: str) -> Any:
             if choice is not type(None):
                 return _value(choice, value, place)
     if wanted is float and isinstance(value, (int, float)) and not isinstance(value, bool):
-        if not math.isfinite(value):
+        if isinstance(value, float) and not math.isfinite(value):
             raise ConfigError(f"{place}={value}: expected a finite number")
         if value and not LEAST <= abs(value) <= MOST:
             raise ConfigError(

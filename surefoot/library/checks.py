@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import operator
+import reprlib
 import typing
 from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
@@ -29,6 +30,7 @@ from planning.commands import GazeCommand
 
 from .. import __all__ as PUBLIC
 from ..config import toml
+from ..recordings.codec import LARGEST, metres_of_floats
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike as ArrayLike
@@ -37,6 +39,8 @@ else:
 
 C = TypeVar("C")
 MILLIMETRES = 50.0  # ours: a median depth above this, in m, is a depth in millimetres
+DIVIDED_TWICE = 0.01  # ours: a median depth below this, in m, was in metres before scale_per_metre
+LEAST_SIGMA_M = 1e-6  # ours: below any sensor; what a number of 32 bits resolves at 10 m
 
 
 ENTRIES: dict[type, dict[str, Any]] = {
@@ -140,12 +144,17 @@ def array(
     """
     if values is None:
         raise InputError(f"{what} is missing; expected {expected}")
+    if np.ma.is_masked(values):  # NumPy would show what is behind the mask
+        raise InputError(
+            f"{what} has masked entries; expected {expected}; fill them, with filled(numpy.nan), or with filled(0) "
+            "where integers of 0 mean none"
+        )
     try:
         found = np.asarray(values)
-    except (TypeError, ValueError) as error:
+    except Exception as error:  # an array of another library says in its own way that it cannot
         raise InputError(f"{what} is no array ({error}); expected {expected}") from error
     if found.ndim == 0 and found.dtype.kind not in kinds:
-        raise InputError(f"{what}={values!r}; expected {expected}")
+        raise InputError(f"{what}={reprlib.repr(values)}; expected {expected}")
     if found.ndim not in axes or found.dtype.kind not in kinds:
         raise unfit(what, found, expected)
     return found
@@ -172,7 +181,7 @@ def image_shape(image: npt.NDArray[Any], camera: Camera, what: str) -> None:
 def metres(
     depth: ArrayLike, camera: Camera, scale_per_metre: float | None, what: str = "depth_m"
 ) -> Float32[np.ndarray, "h w"]:
-    """A depth or range image in m, NaN where there is none.
+    """A depth or range image in m, NaN where there is none: not finite, not positive, or 1000 m or more.
 
     Args:
         depth: (h, w), floating point in m, or integers.
@@ -195,15 +204,21 @@ def metres(
         scale = 1.0
     else:
         scale = positive(scale_per_metre, "scale_per_metre")
-    image = values.astype(np.float32) / np.float32(scale)
-    image = np.where(np.isfinite(image) & (image > 0.0), image, np.float32(np.nan))
-    measured = image[np.isfinite(image)]
-    if len(measured) and float(np.median(measured)) > MILLIMETRES:
+    with np.errstate(over="ignore", invalid="ignore"):  # what is too large becomes infinite
+        image = values.astype(np.float32) / np.float32(scale)
+    measured = image[np.isfinite(image) & (image > 0.0)]
+    middle = float(np.median(measured)) if len(measured) else 1.0
+    if middle > MILLIMETRES:
         raise InputError(
-            f"{what} has a median of {float(np.median(measured)):.4g} m; expected metres, so give "
+            f"{what} has a median of {middle:.4g} m; expected metres, so give "
             "scale_per_metre (1000 if the values are millimetres)"
         )
-    return np.asarray(image, np.float32)
+    if middle < DIVIDED_TWICE and scale_per_metre is not None:
+        raise InputError(
+            f"{what} has a median of {middle:.4g} m with scale_per_metre={scale:g}; expected the units per metre of "
+            "the values, so leave it out if they are metres"
+        )
+    return metres_of_floats(image)
 
 
 def depth_image(
@@ -235,10 +250,13 @@ def depth_image(
     sigma = array(sigma_m, "sigma_m", expected, "fui", (0, 2))
     if sigma.shape not in ((), image.shape):
         raise unfit("sigma_m", sigma, expected)
-    sigma = np.where(np.isfinite(image), sigma, np.float32(np.nan)).astype(np.float32)
-    if not (sigma[np.isfinite(image)] > 0.0).all():
-        raise InputError("sigma_m must be positive wherever there is depth")
-    return Depth(image, sigma, camera, mount)
+    sigma = np.where(np.isfinite(image), sigma.astype(np.float64), np.nan)
+    there = sigma[np.isfinite(image)]
+    if not ((there >= LEAST_SIGMA_M) & (there <= LARGEST)).all():
+        raise InputError(
+            f"sigma_m must be positive wherever there is depth: {LEAST_SIGMA_M:g} m at least, {LARGEST:g} m at most"
+        )
+    return Depth(image, sigma.astype(np.float32), camera, mount)
 
 
 def grey(image: ArrayLike, camera: Camera, what: str) -> UInt8[np.ndarray, "h w"]:
@@ -293,7 +311,7 @@ def numbers(
         finite: Whether NaN and infinity are refused.
 
     Raises:
-        InputError: Missing, another shape, not numbers, or not finite.
+        InputError: Missing, another shape, not numbers, not finite, or impossibly large.
     """
     if values is None and default is not None:
         return np.full([length or 0 for length in shape], default)
@@ -311,6 +329,10 @@ def numbers(
         raise InputError(f"{what} has shape {found.shape}; expected {expected}")
     if finite and not np.isfinite(found).all():
         raise InputError(f"{what} holds NaN or infinity; expected {expected}")
+    if (np.abs(found[np.isfinite(found)]) > LARGEST).any():
+        raise InputError(
+            f"{what} holds a number above {LARGEST:g} in size; expected {expected} in m, s and rad"
+        )
     return found
 
 
@@ -379,8 +401,10 @@ def positive(value: Any, what: str) -> float:
         InputError: Otherwise.
     """
     found = number(value, what)
-    if not found > 0.0:
-        raise InputError(f"{what}={found:g} must be a positive finite number")
+    if not found >= toml.LEAST:
+        raise InputError(
+            f"{what}={found:g} must be a positive finite number, {toml.LEAST:g} at least"
+        )
     return found
 
 
@@ -395,8 +419,21 @@ def whole(value: Any, what: str) -> int:
     except TypeError:
         found = -1
     if found < 0:
-        raise InputError(f"{what}={value!r} must be a whole number that is not negative")
+        raise InputError(
+            f"{what}={reprlib.repr(value)} must be a whole number that is not negative"
+        )
     return found
+
+
+def flag(value: Any, what: str) -> bool:
+    """True or False.
+
+    Raises:
+        InputError: Otherwise: the text "false" would count as true.
+    """
+    if not isinstance(value, (bool, np.bool_)):
+        raise InputError(f"{what}={reprlib.repr(value)}; expected True or False")
+    return bool(value)
 
 
 def reach(nearest_m: float, farthest_m: float) -> ReachConfig:

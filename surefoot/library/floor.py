@@ -86,7 +86,7 @@ def search(
 
 def allowing(calibrated: bool) -> FloorConfig:
     """The search that allows for the bend of consumer cameras, or for what a calibration leaves of it."""
-    if not calibrated:
+    if not checks.flag(calibrated, "calibrated"):
         return FloorConfig()
     from ..config.schema import CALIBRATED_DISTORTION  # takes a second
 

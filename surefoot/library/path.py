@@ -61,6 +61,7 @@ def find_path(
             f"occupancy lies in [{np.nanmin(probability):g}, {np.nanmax(probability):g}]; expected {expected}"
         )
     config = checks.configured(SearchConfig, settings, "find_path")
+    rounded = checks.flag(smooth, "smooth")
     found = astar.find_path(
         np.where(unknown, config.p_unknown, probability),
         unknown,
@@ -73,4 +74,4 @@ def find_path(
     )
     if found is None:
         return None
-    return found.curve if smooth else found.waypoints
+    return found.curve if rounded else found.waypoints

@@ -81,7 +81,7 @@ class Pipeline:
             start=checks.optional(start, Pose2, "start"),
             start_covariance=covariance,
             gravity_up_world=up,
-            calibrated=bool(calibrated),
+            calibrated=checks.flag(calibrated, "calibrated"),
         )
         self._need_start(landmarks=self._info.landmarks or None, start_covariance=covariance)
         self._pipeline: run_pipeline.Pipeline | None = None
@@ -169,7 +169,7 @@ class Pipeline:
             checks.optional(odometry, StepOdometry, "step"),
             checks.optional(imu, Imu, "imu"),
             checks.optional(T_world_camera, Pose3, "T_world_camera"),
-            footstep_due,
+            checks.flag(footstep_due, "footstep_due"),
         )
         return self.add_frame(frame)
 

@@ -21,12 +21,34 @@ EYE = np.eye(2)
 RAGGED = [[1.0, 2.0], [3.0]]
 NAN = float("nan")
 
-DEPTHS = [None, "a", RAGGED, DEPTH[:3], DEPTH[..., None], DEPTH.astype(int), 1000.0 * DEPTH]
+HUGE = 1e300
+
+
+class Gradient:
+    """A tensor of another library that will not become an array."""
+
+    def __array__(self, *_: Any, **__: Any) -> np.ndarray:
+        raise RuntimeError("call detach() first")
+
+
+BEHIND_MASK = np.ma.array(DEPTH, mask=DEPTH > 0.0)
+DEPTHS = [
+    None,
+    "a",
+    RAGGED,
+    DEPTH[:3],
+    DEPTH[..., None],
+    DEPTH.astype(int),
+    1000.0 * DEPTH,
+    BEHIND_MASK,
+    Gradient(),
+]
 CAMERAS = [None, CAMERA.matrix, "a"]
 MOUNTS = [np.eye(4), UP, "a", sf.Pose3((0.0, NAN, 0.0)), sf.Pose3((0.0, 0.0))]
-POINTS = ["a", 1.0, (1.0,), (NAN, 0.0), RAGGED, EYE]
-DIRECTIONS = ["a", 1.0, (1.0, 0.0), (NAN, 0.0, 1.0), (0.0, 0.0, 0.0)]
-NUMBERS = ["a", "1", None, NAN, (1.0, 2.0)]
+POINTS = ["a", 1.0, (1.0,), (NAN, 0.0), RAGGED, EYE, (HUGE, 0.0)]
+DIRECTIONS = ["a", 1.0, (1.0, 0.0), (NAN, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, HUGE, 0.0)]
+NUMBERS = ["a", "1", None, NAN, (1.0, 2.0), HUGE, Gradient()]
+FLAGS = ["false", None, 1]
 RADII = ["a", -1.0, NAN, (0.1, 0.1), RAGGED]
 SEEDS = ["a", 1.5, -1]
 IMAGES = [None, "a", RAGGED, DEPTH, GREY[:3], GREY[..., None]]
@@ -36,8 +58,8 @@ PATHS = [5, object()]
 ON_DEPTH: dict[str, list[Any]] = {
     "depth_m": DEPTHS,
     "camera": CAMERAS,
-    "scale_per_metre": ["a", "1", 0.0, NAN],
-    "sigma_m": ["a", RAGGED, DEPTH[:3], 0.0, -DEPTH],
+    "scale_per_metre": ["a", "1", 0.0, NAN, 1e-300, 1000.0],
+    "sigma_m": ["a", RAGGED, DEPTH[:3], 0.0, -DEPTH, 1e-20, HUGE],
     "nearest_m": [*NUMBERS, -1.0, 5.0],
     "farthest_m": [*NUMBERS, -1.0],
 }
@@ -73,7 +95,7 @@ def updated(**given: Any) -> Any:
 CASES: dict[Any, tuple[dict[str, Any], dict[str, list[Any]]]] = {
     sf.find_floor: (
         {"depth_m": DEPTH, "camera": CAMERA},
-        {**ON_DEPTH, "up": DIRECTIONS, "T_body_camera": MOUNTS, "seed": SEEDS},
+        {**ON_DEPTH, "up": DIRECTIONS, "T_body_camera": MOUNTS, "calibrated": FLAGS, "seed": SEEDS},
     ),
     sf.find_regions: ({"depth_m": DEPTH, "camera": CAMERA}, ON_DEPTH),
     sf.find_stairs: (
@@ -94,7 +116,7 @@ CASES: dict[Any, tuple[dict[str, Any], dict[str, list[Any]]]] = {
     sf.find_footprints: (
         {"points_m": np.zeros((5, 3))},
         {
-            "points_m": ["a", 1.0, RAGGED, EYE, None],
+            "points_m": ["a", 1.0, RAGGED, EYE, None, np.full((5, 3), HUGE)],
             "sightings": ["a", 1.0, RAGGED, np.ones(4, int), np.ones(5)],
             "sensor_m": ["a", 1.0, RAGGED, EYE],
         },
@@ -114,7 +136,7 @@ CASES: dict[Any, tuple[dict[str, Any], dict[str, list[Any]]]] = {
         {"waypoint": (1.0, 0.0), "positions": [(1.0, 0.0)], "covariances": [EYE]},
         {
             "waypoint": [None, *POINTS],
-            "positions": ["a", 1.0, (1.0, 0.0), [(NAN, 0.0)], RAGGED],
+            "positions": ["a", 1.0, (1.0, 0.0), [(NAN, 0.0)], [(HUGE, 0.0)], RAGGED],
             "velocities": ["a", 1.0, (1.0, 0.0), RAGGED],
             "covariances": [None, "a", 0.04, [0.04], -EYE[None], RAGGED],
             "pose_covariance": ["a", 0.01, EYE, -np.eye(3)],
@@ -124,7 +146,7 @@ CASES: dict[Any, tuple[dict[str, Any], dict[str, list[Any]]]] = {
             "present": [(0.0, 0.0), sf.GazeCommand(NAN, 0.0)],
             "robot_velocity": POINTS,
             "robot": ROBOTS,
-            "step_deg": ["a", 0.0, NAN, None],
+            "step_deg": ["a", 0.0, NAN, None, 1e-3, 10**400],
             "head": [sf.Pose2(), 5],
         },
     ),
@@ -146,6 +168,7 @@ CASES: dict[Any, tuple[dict[str, Any], dict[str, list[Any]]]] = {
             "robot": ROBOTS,
             "alpha": ["1", None, -1.0, NAN],
             "form": ["a", 1],
+            "smooth": FLAGS,
         },
     ),
     sf.Tracker: (
@@ -160,8 +183,8 @@ CASES: dict[Any, tuple[dict[str, Any], dict[str, list[Any]]]] = {
         {"stamp_s": 0.0, "positions": [(1.0, 0.0)], "covariances": EYE},
         {
             "stamp_s": NUMBERS,
-            "positions": ["a", 1.0, (1.0, 0.0), [(NAN, 0.0)], RAGGED, None],
-            "covariances": [None, "a", 1e-2, [1e-2], -EYE, RAGGED],
+            "positions": ["a", 1.0, (1.0, 0.0), [(NAN, 0.0)], [(HUGE, 0.0)], RAGGED, None],
+            "covariances": [None, "a", 1e-2, [1e-2], -EYE, HUGE * EYE, RAGGED],
             "radii_m": [*RADII, 9.0],
             "pose": [
                 (0.0, 0.0, 0.0),
@@ -179,6 +202,7 @@ CASES: dict[Any, tuple[dict[str, Any], dict[str, list[Any]]]] = {
             "start": [(0.0, 0.0, 0.0), sf.Pose2("a", 0, 0), sf.Pose2(NAN, 0.0, 0.0)],  # type: ignore[arg-type]
             "start_covariance": ["a", 1e-4, EYE, -np.eye(3)],
             "up_world": DIRECTIONS,
+            "calibrated": FLAGS,
         },
     ),
     added: (
@@ -186,6 +210,7 @@ CASES: dict[Any, tuple[dict[str, Any], dict[str, list[Any]]]] = {
         {
             "stamp_s": NUMBERS,
             "depth_m": DEPTHS[1:],
+            "footstep_due": FLAGS,
             "camera": CAMERAS,
             "scale_per_metre": ON_DEPTH["scale_per_metre"],
             "range_m": DEPTHS[1:],

@@ -157,3 +157,15 @@ def test_wrong_detections_are_refused(change, message):
 def test_an_unknown_setting_is_refused_with_the_known_ones():
     with pytest.raises(surefoot.InputError, match="max_radius_m"):
         surefoot.Tracker(speed=1.0)
+
+
+@pytest.mark.parametrize("pause_s", [1e3, 1e5, 1e9])
+def test_a_pause_of_any_length_ends_no_tracker(pause_s):
+    tracker = surefoot.Tracker(hits_to_show=1, oldest_s=1e9)
+    for k in range(4):
+        tracker.update(0.1 * k, [(1.0, 0.0)], NOISE)
+    tracker.update(pause_s, [(1.0, 0.0)], NOISE)
+    assert tracker.obstacles
+    for one in tracker.obstacles:
+        assert np.isfinite(one.state.covariance).all()
+        assert np.linalg.eigvalsh(one.state.covariance).min() > 0.0
