@@ -18,7 +18,7 @@ from jaxtyping import Int16, UInt8, UInt16
 
 from ..primitives.camera import Camera
 from ..primitives.errors import InputError
-from ..primitives.frame import StereoView
+from ..primitives.frame import LEAST_BASELINE_M, MOST_BASELINE_M, StereoView
 from ..primitives.pose import Pose3
 
 MOST_TURN_DEG = 30.0  # between the two optical axes, for matching along rows
@@ -73,12 +73,26 @@ class Rectification:
         return StereoView(a, b, self.baseline_m, self.camera, on_body)
 
 
+def check_baseline(baseline_m: float) -> None:
+    """Refuse a distance of two cameras that is none.
+
+    Raises:
+        InputError: It is impossible.
+    """
+    if not LEAST_BASELINE_M <= baseline_m <= MOST_BASELINE_M:
+        raise InputError(
+            f"stereo: baseline_m={baseline_m} must lie in [{LEAST_BASELINE_M:g}, {MOST_BASELINE_M:g}]; the distance of "
+            "the cameras in m was expected, check the calibration and its unit"
+        )
+
+
 def rectified(view: StereoView) -> StereoView:
     """The pair without lens distortion; both cameras are parallel and have the same intrinsics.
 
     Raises:
         InputError: As `rectification`, or an image does not fit its camera.
     """
+    check_baseline(view.baseline_m)
     if not view.camera.is_distorted:
         return view
     return _parallel(view.camera, view.baseline_m).apply(view.left, view.right, view.T_body_camera)
@@ -92,7 +106,7 @@ def rectification(left: Camera, right: Camera, T_left_right: Pose3) -> Rectifica
         T_left_right: Pose of the right camera in the left one; to its right, nearly parallel.
 
     Raises:
-        InputError: Sizes differ, or the right camera is not to the right of the left one.
+        InputError: Sizes differ, or the right camera is not to the right of the left one, or impossibly near or far.
     """
     if (left.width, left.height) != (right.width, right.height):
         raise InputError(
@@ -105,6 +119,7 @@ def rectification(left: Camera, right: Camera, T_left_right: Pose3) -> Rectifica
             f"rectification: the right camera is at ({x:.3f}, {y:.3f}, {z:.3f}) m of the left one; it "
             "must be to its right (+x), check the order of the cameras and the direction of the extrinsics"
         )
+    check_baseline(math.hypot(x, y, z))
     cosine = (float(np.trace(T_left_right.rotation)) - 1.0) / 2.0
     turn = math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
     if turn > MOST_TURN_DEG:

@@ -31,6 +31,7 @@ from . import _stereo_trust_kernels as kernels
 from . import published_stereo
 from ._block_matching_kernels import SIDE
 from .block_matching import GRADIENT_LIMIT, match
+from .rectification import check_baseline
 
 METHODS = ("block", "sgbm", "bm")
 SUBPIXEL = ("v", "parabola")
@@ -258,7 +259,4 @@ def _check(view: StereoView) -> None:
             f"stereo: left image is {view.left.shape}, right {view.right.shape}, the camera has "
             f"{expected} (rows, columns); the pair must be rectified to one size"
         )
-    if not (math.isfinite(view.baseline_m) and view.baseline_m > 0.0):
-        raise InputError(
-            f"stereo: baseline_m={view.baseline_m} must be positive and finite; check the calibration"
-        )
+    check_baseline(view.baseline_m)

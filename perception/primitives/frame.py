@@ -39,6 +39,10 @@ class RangeView:
     T_body_camera: Pose3 | None = None
 
 
+LEAST_BASELINE_M, MOST_BASELINE_M = 1e-3, 5.0
+"""Of a stereo pair, ours: others were calibrated in mm or in squares of the board."""
+
+
 @dataclass(frozen=True)
 class StereoView:
     """A grey stereo pair; `camera` is the left one, the right one is `baseline_m` to its right.

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import json as _json
 import math
+import os
 import stat
 import struct
 import tomllib
@@ -50,14 +51,34 @@ def data(path: str | Path, most_bytes: int = MOST_BYTES) -> bytes:
         MissingError: There is no such file.
         UnreadableError: It is a folder, a pipe or a device, too large, or cannot be read.
     """
-    path = Path(path)
+    size = check_file(path)
+    if size > most_bytes:
+        raise UnreadableError(f"has {size} bytes; {most_bytes} are the most")
+    return head(path, most_bytes)
+
+
+def head(path: str | Path, count: int) -> bytes:
+    """The first bytes of a regular file, at most so many; errors as of `check_file`."""
+    check_file(path)
     try:
-        status = path.stat()
+        with open(path, "rb") as file:
+            return file.read(count)
+    except OSError as error:
+        raise UnreadableError(f"cannot be read: {error.strerror or error}") from error
+
+
+def check_file(path: str | Path) -> int:
+    """The size of a regular file, bytes; opening a pipe instead would wait for its writer.
+
+    Raises:
+        MissingError: There is no such file.
+        UnreadableError: It is a folder, a pipe or a device, or has an impossible name.
+    """
+    try:
+        status = os.stat(path)
         if not stat.S_ISREG(status.st_mode):
             raise UnreadableError("is not a file")
-        if status.st_size > most_bytes:
-            raise UnreadableError(f"has {status.st_size} bytes; {most_bytes} are the most")
-        return path.read_bytes()
+        return status.st_size
     except OSError as error:
         kind = MissingError if isinstance(error, FileNotFoundError) else UnreadableError
         raise kind(f"cannot be read: {error.strerror or error}") from error

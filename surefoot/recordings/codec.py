@@ -21,6 +21,8 @@ from perception.primitives import safe_input
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.frame import (
+    LEAST_BASELINE_M,
+    MOST_BASELINE_M,
     ColourView,
     DepthView,
     FeetReading,
@@ -269,7 +271,9 @@ def fault_of(frame: Frame) -> str | None:
         if len(values["imu"]) != 6:
             return f"imu has {len(values['imu'])} numbers; 6 were expected"
     if frame.stereo is not None:
-        values["baseline"] = (frame.stereo.baseline_m, 1.0 / frame.stereo.baseline_m)
+        baseline = frame.stereo.baseline_m
+        if not LEAST_BASELINE_M <= baseline <= MOST_BASELINE_M:
+            return f"baseline is {baseline:g} m; {LEAST_BASELINE_M:g} to {MOST_BASELINE_M:g} m were expected"
     if frame.feet is not None:
         feet = frame.feet
         values["feet"] = (*feet.left.vector, *feet.right.vector, feet.left_m, feet.right_m)

@@ -174,12 +174,9 @@ class McapRecording:
     def _read_head(self) -> tuple[dict[str, Any] | None, set[str]]:
         """Metadata of the writer, and the topics found before it."""
         try:
-            with self._path.open("rb") as file:
-                start = file.read(len(MAGIC))
-        except OSError as error:
-            raise RecordingError(
-                f"{self._path}: {error.strerror}; a readable file was expected"
-            ) from error
+            start = safe_input.head(self._path, len(MAGIC))
+        except UnreadableError as error:
+            raise RecordingError(f"{self._path} {error}; a readable file was expected") from error
         if not start:
             raise RecordingError(f"{self._path}: the file is empty; record again")
         if start != MAGIC:

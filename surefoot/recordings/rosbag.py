@@ -30,6 +30,7 @@ from perception.primitives.errors import ConfigError, RecordingError
 from perception.primitives.frame import ColourView, DepthView, Frame
 from perception.primitives.safe_input import UnreadableError
 
+from ..mcap_file import MAGIC
 from .description import Description, complete
 from .folder import check_scale
 from .poses import ASSOCIATION_S
@@ -45,6 +46,7 @@ FIXED = ("world", "map", "odom", "vicon", "mocap")
 """Fixed frames, the most global first (REP 105, and frames of motion capture)."""
 
 _TF = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+_MAGIC = {".bag": b"#ROSBAG V", ".db3": b"SQLite format 3\0", ".mcap": MAGIC, ".zstd": b""}
 _PROFILE_BYTES = 64  # magic bytes, then the header, which begins with the profile
 _MAX_WAIT_S = 0.5  # ours: time that a depth image waits for its colour image
 
@@ -231,6 +233,7 @@ class RosbagRecording:
             try:
                 if self._path.is_dir():
                     check_metadata(self._path / METADATA)
+                check_files(self._path)
                 store = get_typestore(Stores.ROS2_HUMBLE)
                 reader = stack.enter_context(AnyReader([self._path], default_typestore=store))
             except Exception as error:
@@ -251,8 +254,20 @@ def is_rosbag(path: Path) -> bool:
         return True
     if path.suffix != ".mcap":
         return False
-    with path.open("rb") as file:
-        return b"ros2" in file.read(_PROFILE_BYTES)
+    try:
+        return b"ros2" in safe_input.head(path, _PROFILE_BYTES)
+    except UnreadableError:  # said by the reader of MCAP
+        return False
+
+
+def check_files(path: Path) -> None:
+    """Raise an UnreadableError for a bag that opening would wait for, or whose magic bytes are not those of its name."""
+    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+        magic = _MAGIC.get(file.suffix)
+        if magic is not None:
+            begin = safe_input.head(file, len(magic))
+            if begin != magic:
+                raise UnreadableError(f"{file.name} begins with {begin!r}, not with {magic!r}")
 
 
 def check_metadata(path: Path) -> None:

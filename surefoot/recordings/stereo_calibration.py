@@ -19,13 +19,13 @@ from jaxtyping import Float
 from perception.primitives import safe_input
 from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
+from perception.primitives.frame import LEAST_BASELINE_M, MOST_BASELINE_M
 from perception.primitives.pose import Pose3
 from perception.primitives.safe_input import UnreadableError
 
 from .folder import camera_of
 
 _DISTORTIONS = ("radial-tangential", "radtan", "plumb_bob")
-MOST_BASELINE_M = 5.0  # ours: longer ones were calibrated in mm or in squares of the board
 _ORTHOGONAL = 1e-3  # ours: with ten printed digits, rotations are orthogonal to 1e-9
 
 
@@ -161,7 +161,7 @@ def _rectified(
             "disparity does not vanish at infinity are not read, rectify with CALIB_ZERO_DISPARITY"
         )
     baseline = float((P[0, 3] - Q[0, 3]) / Q[0, 0])
-    if not 0.0 < baseline < MOST_BASELINE_M:
+    if not LEAST_BASELINE_M <= baseline <= MOST_BASELINE_M:
         raise RecordingError(
             f"{right}: its projection matrix gives a baseline of {baseline:g} m; -f times a positive "
             f"baseline in m, below {MOST_BASELINE_M:g}, was expected in its fourth number; left and right "

@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from mapping.objects.footprints import Footprint
+from perception.primitives import safe_input
 from perception.primitives.errors import InputError, RecordingError
 from perception.primitives.robot_model import RobotModel
+from perception.primitives.safe_input import UnreadableError
 
 from ..mcap_file import DAMAGE, MAGIC, WRONG, TopicWriter, messages, nanoseconds
 from .moment import Moment as Moment
@@ -140,12 +142,9 @@ def moments_of(path: Path, grows: Callable[[], bool] | None = None) -> Iterator[
 
 def _head(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
-            return file.read(len(MAGIC))
-    except OSError as error:
-        raise RecordingError(
-            f"{path}: {error.strerror}; make the run again to have its estimates"
-        ) from error
+        return safe_input.head(path, len(MAGIC))
+    except UnreadableError as error:
+        raise RecordingError(f"{path} {error}; make the run again to have its estimates") from error
 
 
 def held(moments: Iterable[Moment]) -> Iterator[Moment]:

@@ -127,3 +127,9 @@ def test_an_invalid_rig_is_refused_with_a_message():
     rig = rectification(LEFT, RIGHT, BESIDE)
     with pytest.raises(InputError, match=r"the right image is \(240, 300\)"):
         rig.apply(np.zeros((240, 320), np.uint8), np.zeros((240, 300), np.uint8))
+
+
+@pytest.mark.parametrize("baseline_m", [1e-300, 110.0])
+def test_a_baseline_in_another_unit_is_refused(baseline_m):
+    with pytest.raises(InputError, match="baseline_m"):
+        rectification(LEFT, RIGHT, replace(BESIDE, translation=(baseline_m, 0.0, 0.0)))

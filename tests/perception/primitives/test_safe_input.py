@@ -27,6 +27,9 @@ def test_only_regular_files_are_read(tmp_path):
     for path in (tmp_path, pipe, tmp_path.__class__("/dev/zero")):
         with pytest.raises(UnreadableError, match="is not a file"):
             safe_input.data(path)
+        with pytest.raises(UnreadableError, match="is not a file"):
+            safe_input.head(path, 1)
+    assert safe_input.head(file, 2) == b"ab"
     with pytest.raises(MissingError, match="No such file"):
         safe_input.data(tmp_path / "none")
     with pytest.raises(UnreadableError, match="impossible name"):

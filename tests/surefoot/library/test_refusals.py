@@ -127,7 +127,7 @@ CASES: dict[Any, tuple[dict[str, Any], dict[str, list[Any]]]] = {
             "left": IMAGES,
             "right": IMAGES,
             "camera": CAMERAS,
-            "baseline_m": [*NUMBERS, 0.0],
+            "baseline_m": [*NUMBERS, 0.0, 1e-300, 120.0],
             "least_reliability": [*NUMBERS, 2.0],
             "nearest_m": [*NUMBERS, 0.0],
         },

@@ -5,6 +5,7 @@ import io
 import itertools
 import json
 import math
+import os
 import shutil
 import tracemalloc
 from dataclasses import replace
@@ -36,6 +37,7 @@ from surefoot.recordings.mcap_messages import (
 from surefoot.recordings.open import open_recording
 from surefoot.recordings.own_body_json import own_body_from_json, own_body_to_json
 from surefoot.recordings.recording import RecordingInfo
+from surefoot.results.moments import moments_of
 
 INFO = RecordingInfo(
     name="walk",
@@ -481,3 +483,14 @@ def test_a_long_recording_is_played_in_the_memory_of_a_few_frames(make_frame, tm
         return most
 
     assert peak(60) < 1.5 * peak(6)  # kept frames would make it 10 times as much
+
+
+def test_a_pipe_in_the_place_of_a_recording_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "recording.mcap")  # nobody writes into it
+    for path in (tmp_path, tmp_path / "recording.mcap"):
+        with pytest.raises(RecordingError):
+            open_recording(path)
+    with pytest.raises(RecordingError, match="is not a file"):
+        McapRecording(tmp_path / "recording.mcap")
+    with pytest.raises(RecordingError, match="is not a file"):
+        list(moments_of(tmp_path / "recording.mcap"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import os
 from pathlib import Path
 from typing import Any
 
@@ -233,3 +234,16 @@ def test_another_file_is_refused_as_a_bag(tmp_path, name):
     path.write_bytes(b"\x89MCAP0\r\n\x01ros2 but not really a bag" * 4)
     with pytest.raises(RecordingError, match="expected a ROS 1"):
         open_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [("ros1", "a.bag"), ("ros2", "a/a.db3"), ("mcap", "a/a.mcap")]
+)
+@pytest.mark.parametrize("put", [os.mkfifo, lambda path: path.write_bytes(bytes(1000))])
+def test_a_pipe_or_zeros_in_the_place_of_a_bag_are_refused_at_once(tmp_path, kind, name, put):
+    write_bag(tmp_path / "a", kind, 1)
+    path = tmp_path / name
+    path.unlink()
+    put(path)  # nobody writes into a pipe
+    with pytest.raises(RecordingError, match=r"is n(ot|either) a file|begins with b'.x00"):
+        open_recording(path.parent if path.parent != tmp_path else path)
