@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import select
 import subprocess
@@ -20,6 +21,8 @@ import numpy as np
 
 MOST_SECONDS = 60.0  # ours: for one file
 MOST_MEMORY_BYTES = 8 << 30  # address space of the process
+MOST_WARNING_BYTES = 1 << 16  # ours: of Open3D's warnings about a file that are looked at
+_DAMAGE = re.compile(rb"(unable to|could not) read [a-z ]+")  # in warnings of Open3D 0.20
 MOST_EXTENT = 1e6  # ours: of a coordinate, in units of the file
 
 
@@ -106,7 +109,8 @@ def _stop() -> None:
 def _serve() -> None:
     """The process: read the names of files, one per line, and write their content."""
     out = os.fdopen(os.dup(1), "wb")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Open3D prints warnings there
+    said = os.memfd_create("warnings")
+    os.dup2(said, 1)  # Open3D prints warnings there
     try:
         import open3d
     except ImportError as error:
@@ -116,6 +120,13 @@ def _serve() -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     for line in sys.stdin:
         found = _content(open3d, json.loads(line))
+        # of a damaged file Open3D gives what comes before the damage, and a warning
+        os.lseek(said, 0, os.SEEK_SET)
+        damage = _DAMAGE.search(os.read(said, MOST_WARNING_BYTES))
+        os.ftruncate(said, 0)
+        os.lseek(said, 0, os.SEEK_SET)
+        if damage is not None and not isinstance(found, str):
+            found = f"is damaged or cut off ({damage.group().decode()}); restore the file or export it again"
         if isinstance(found, str):
             out.write(json.dumps({"fault": found}).encode() + b"\n")
         else:
