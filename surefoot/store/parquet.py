@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -76,10 +78,21 @@ def copy(
         path: The file; it is written in place.
         selected: What to select of the columns, in SQL.
         metadata: Of the file.
+
+    Raises:
+        OSError: It cannot be written.
     """
     database.register("given", {name: _array(column) for name, column in values.items()})
-    database.execute(f"COPY (SELECT {selected} FROM given) TO {quoted(path)} ({form(metadata)})")
-    database.unregister("given")
+    try:
+        database.execute(
+            f"COPY (SELECT {selected} FROM given) TO {quoted(path)} ({form(metadata)})"
+        )
+    except duckdb.IOException as error:
+        words = str(error)  # DuckDB gives no number, only the words of the system
+        number = next((one for one in errno.errorcode if os.strerror(one) in words), errno.EIO)
+        raise OSError(number, os.strerror(number), str(path)) from error
+    finally:
+        database.unregister("given")
 
 
 def _array(column: np.ndarray | Sequence[Any]) -> np.ndarray:
