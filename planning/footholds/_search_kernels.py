@@ -23,6 +23,7 @@ GOAL, HORIZON, BORDER = 0, 1, 2  # where a plan ends
 GREED = 1.7  # ours: weight of the estimate, by which a plan may cost more than the best
 FACING = 5.0  # ours: weight of a turn away from the way to the goal where a plan ends at a border: the robot is to look there
 FAR = 1e3  # farther ahead than any side
+ABOVE_M = 0.03  # ours: of two surfaces at one place; nearer ones may be the same ground, seen twice
 
 
 @njit(cache=True)
@@ -115,6 +116,48 @@ def room_beside(
         here += planes[j, 6] * (oy - planes[j, 3])
         if abs(here - z) <= apart and inside(sides, firsts[k], firsts[k + 1], ox, oy):
             return True
+    return False
+
+
+@njit(cache=True)
+def is_below(
+    sides: np.ndarray,
+    planes: np.ndarray,
+    boxes: np.ndarray,
+    on: int,
+    x: float,
+    y: float,
+    z: float,
+    yaw: float,
+    half: np.ndarray,
+) -> bool:
+    """Whether a sole on a surface reaches below another one: the board of an open step, a bench, a table."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    reach = math.hypot(half[0], half[1])
+    ends = np.empty((2, 2))  # of a side, in the axes of the sole
+    for j in range(len(planes)):
+        there = planes[j, 4] + planes[j, 5] * (x - planes[j, 2]) + planes[j, 6] * (y - planes[j, 3])
+        away = x + reach < boxes[j, 0] or x - reach > boxes[j, 2]
+        away = away or y + reach < boxes[j, 1] or y - reach > boxes[j, 3]
+        if j == on or away or there - z < ABOVE_M:
+            continue
+        first, last = int(planes[j, 0]), int(planes[j, 1])
+        if inside(sides, first, last, x, y):
+            return True
+        for i in range(first, last):  # whether a side crosses the sole
+            for k in range(2):
+                dx, dy = sides[i, 2 * k] - x, sides[i, 2 * k + 1] - y
+                ends[0, k], ends[1, k] = c * dx + s * dy, c * dy - s * dx
+            begin, end = 0.0, 1.0
+            for k in range(2):
+                at, way = ends[k, 0], ends[k, 1] - ends[k, 0]
+                if way == 0.0:
+                    end = end if abs(at) < half[k] else -1.0
+                else:
+                    one, two = (-half[k] - at) / way, (half[k] - at) / way
+                    begin, end = max(begin, min(one, two)), min(end, max(one, two))
+            if begin < end:
+                return True
     return False
 
 
@@ -304,6 +347,8 @@ def search(
                             local, first, last, tx, ty, yaw + turn, half, noise, risk
                         )
                         if missed > risk or unseen > risk:
+                            continue
+                        if is_below(sides, planes, boxes, j, tx, ty, height, yaw + turn, half):
                             continue
                         cost += costs[4] * (missed + unseen) / risk
                         if table[slot] == key and nodes[owner[slot], 6] <= cost:

@@ -302,3 +302,19 @@ def test_no_sole_is_set_upon_the_other(turn_deg):
             area = 0.0 if shared is None else cv2.contourArea(cv2.convexHull(shared))
             assert area < 1e-5
     assert np.ptp(headings) > 1.0
+
+
+@pytest.mark.parametrize("height_m", [0.18, 0.7])
+def test_no_sole_is_set_below_another_surface(height_m):
+    """The ground goes on below the board of an open step, or below a table; the shin does not."""
+    floor = rectangle(-0.5, 3.0, borders=(0, 0, 0, 0), half=1.5)
+    board = rectangle(0.7, 1.0, height_m, half=0.6)
+    reach = np.array(ROBOT.foot_m) / 2
+    for goal in ([0.66, 0.0], [2.0, 0.0], [1.04, 0.58]):
+        done, _ = walked([floor, board], goal)
+        assert done
+        for foot, _ in done:
+            c, s = abs(np.cos(foot.pose.yaw)), abs(np.sin(foot.pose.yaw))
+            ahead, across = c * reach[0] + s * reach[1], s * reach[0] + c * reach[1]
+            beside = abs(foot.pose.x - 0.85) > 0.15 + ahead or abs(foot.pose.y) > 0.6 + across
+            assert beside, foot
