@@ -6,7 +6,8 @@ upright direction: r is the distance of parallel planes, which no single pair of
 distortion are common to all of them and enter as such (`Region.shared`).
 
 A staircase is claimed only if at least two levels and two nosings, five in all, fit one riser and one tread; of boards
-without risers three edges. Everything else is unknown, not a staircase.
+without risers three edges. No tread may lie midway between two of its levels: every second step of a flight is evenly
+spaced, too. Everything else is unknown, not a staircase.
 
 Source: ours; weighted least squares. Bounds of riser and tread: building codes, wider.
 """
@@ -20,7 +21,7 @@ from jaxtyping import Float
 from scipy.special import gammaincinv
 
 from ..primitives.plane import Plane
-from .matching import RISER_M, TREAD_M, Match, matches
+from .matching import LEAST_COMMON, LEVEL_RAD, RISER_M, TREAD_M, Match, matches
 from .measurements import Measurements, measured
 from .region import Region
 
@@ -28,6 +29,7 @@ CONFIDENCE = 0.999  # ours: of the chi-square tests
 TURNS = 4  # ours: linearisations
 LEAST_LEVELS, LEAST_NOSINGS, LEAST_NEAR_EDGES = 2, 2, 3  # ours: boards hide parts of each other
 LEAST_SUM = 5  # ours: levels and nosings
+BETWEEN = 0.25  # ours: of a riser; a tread farther from every level is nearer to the middle of two
 
 
 @dataclass(frozen=True)
@@ -93,8 +95,30 @@ def _fitted(regions: list[Region], prior: Plane, match: Match) -> Staircase | No
         linear = measured(regions, prior, match, x)
         worst, excess = _worst(linear)
         if excess <= 1.0:
+            if _is_part(regions, prior, match, x):
+                return None
             return _staircase(regions, prior, match, x, _scale(linear) * P)
         match = match.without(worst)
+
+
+def _is_part(regions: list[Region], prior: Plane, match: Match, x: Float[np.ndarray, "7"]) -> bool:
+    """Whether a level region across the flight lies between two of its levels: the match has only some of the steps."""
+    up, direction, left = match.axes(prior, x[:3])
+    _, _, _, s0, tread, h0, riser = (float(v) for v in x)
+    numbers = [one.number for one in match.nosings] + [number for _, number in match.levels]
+    first, last = (s0 + k * tread for k in (min(numbers), max(numbers)))
+    spans = np.array([np.sort(one.ends @ left) for one in match.nosings])
+    low, high = spans[:, 0].max(), spans[:, 1].min()
+    for one in regions:
+        step = (float(up @ one.middle) - h0) / riser
+        if not min(numbers) < step < max(numbers) or one.slope_rad(up) > LEVEL_RAD:
+            continue
+        across = one.outline @ left
+        wide = min(across.max(), high) - max(across.min(), low)
+        inside = first < float(direction @ one.middle) < last and wide > LEAST_COMMON * (high - low)
+        if inside and abs(step - round(step)) > BETWEEN:
+            return True
+    return False
 
 
 def _by_near_edges(regions: list[Region], prior: Plane, match: Match) -> bool:

@@ -94,3 +94,13 @@ def test_flat_ground_and_nothing_are_no_staircase():
     T = scenes.pose(1.0, 0.5)
     assert seen([((-2.0, 0.0), (6.0, 0.0), 3.0)], T) is None
     assert seen([], T) is None
+
+
+def test_every_second_step_of_an_uneven_flight_is_no_staircase():
+    """Risers of 8 and 16 cm in turn: every second tread is evenly spaced, and the others lie between."""
+    surfaces, x, z = [((-2.0, 0.0), (0.6, 0.0), 3.0)], 0.6, 0.0
+    for riser in 3 * (0.08, 0.16):
+        surfaces += [((x, z), (x, z + riser), 0.7), ((x, z + riser), (x + 0.22, z + riser), 0.7)]
+        x, z = x + 0.22, z + riser
+    assert seen(surfaces, scenes.pose(1.2, 0.55)) is None
+    assert seen(scenes.stairs(0.12, 0.22, 6, 0.6), scenes.pose(1.2, 0.55)) is not None
