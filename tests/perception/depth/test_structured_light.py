@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from perception.depth.flying import flying
 from perception.depth.structured_light import StructuredLightConfig, depth
@@ -41,10 +42,20 @@ def test_an_image_that_is_noisier_than_the_model_has_its_own_noise(times, size):
     assert np.median(ratio) == pytest.approx(times, rel=0.1)
 
 
+@pytest.mark.parametrize("size", [(424, 240), (640, 480)])
+def test_noise_that_is_alike_in_neighbouring_pixels_shows_too(size):
+    exact, camera = sloping(size, 0.0)
+    sigma = 0.0012 + 0.0019 * (exact - 0.4) ** 2
+    alike = gaussian_filter(np.random.default_rng(0).standard_normal(exact.shape), 1.5)
+    z = (exact + 3.0 * sigma * alike / alike.std()).astype(np.float32)
+    ratio = depth(DepthView(z, camera)).sigma / (0.0012 + 0.0019 * (z - 0.4) ** 2)
+    assert np.median(ratio) == pytest.approx(3.0, rel=0.2)
+
+
 @pytest.mark.parametrize("times", [0.0, 0.5, 1.0])
 def test_an_image_with_the_noise_of_the_model_or_less_keeps_that_of_the_model(times):
     z, camera = sloping((320, 240), times)
-    steps = np.round(z, 2)  # quantised to a centimetre
+    steps = np.round(200.0 * z) / 200.0  # to half a centimetre: a tenth more noise at most places
     for image in (z, steps):
         ratio = depth(DepthView(image, camera)).sigma / (0.0012 + 0.0019 * (image - 0.4) ** 2)
         np.testing.assert_allclose(ratio, 1.0, rtol=1e-4)
