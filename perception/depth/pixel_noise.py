@@ -17,9 +17,9 @@ from jaxtyping import Float32
 NOISIER, CHAOS = 1.25, 20.0
 """Ours: an image that shows as many times the noise of the model has that noise; others scatter to 1.1. One with more shows no
 surfaces at all, and has the noise of the model."""
-APART_PX = 4
-"""Ours: columns between the pixels compared, about the radius of the blocks that stereo cameras match. Nine sets of
-real images show .5 to 1.4 of the noise of the model so, and 0 to 1.1 by neighbours."""
+APART_PX, APART_SHARE = 4, 1.0 / 80.0
+"""Ours: columns between the pixels compared, about the radius of the blocks that stereo cameras match, and fewer in an image
+narrower than 320. Nine sets of real images show .5 to 1.4 of the noise of the model so, and 0 to 1.1 by neighbours."""
 ROWS = 60  # ours: rows of an image that show its noise to a few percent
 LEAST_VALUES = 200  # ours: with fewer, the noise is that of the model
 MAD_OF_GAUSSIAN = 0.6745  # median of the absolute value of a standard Gaussian
@@ -39,14 +39,13 @@ def as_shown(
 
 
 def _times(depth: Float32[np.ndarray, "h w"], sigma_m: Float32[np.ndarray, "h w"]) -> float:
-    """Noise in standard deviations of its model; less if it is alike across `APART_PX`, 1 with too few pixels in a row."""
+    """Noise in standard deviations of its model; less if it is alike in the pixels compared, 1 if too few are in a row."""
+    apart = min(APART_PX, max(1, round(APART_SHARE * depth.shape[1])))
     rows = slice(None, None, max(1, len(depth) // ROWS))
     z = depth[rows]
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of depth that cannot be
         inverse = 1.0 / z
-        one, middle, other = (
-            slice(k, k - 2 * APART_PX or None) for k in (0, APART_PX, 2 * APART_PX)
-        )
+        one, middle, other = (slice(k, k - 2 * apart or None) for k in (0, apart, 2 * apart))
         bend = inverse[:, other] - 2.0 * inverse[:, middle] + inverse[:, one]
         noise = np.abs(bend) * z[:, middle] ** 2 / sigma_m[rows, middle]
     noise = noise[np.isfinite(noise)]
