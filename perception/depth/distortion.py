@@ -23,7 +23,9 @@ from ..primitives.camera import Camera
 from ..primitives.errors import ConfigError
 from ..primitives.settings import setting
 
-MOST_BEND = 0.2  # ours: ten times that of consumer sensors
+MOST_BEND = (
+    0.1  # ours: five times that of consumer sensors; even in a tall image depth stays positive
+)
 ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))  # powers of the slopes, right and down
 
 
@@ -107,10 +109,10 @@ def quadric(
 
 @dataclass(frozen=True)
 class Bend:
-    """Bend of one sensor where it was calibrated: the relative error of depth at the right or lower edge.
+    """Bend of one sensor, as calibrated: `Distortion` is how large that of such sensors is.
 
-    `Distortion` is how large the bend of such sensors is; this is the one of a sensor. A slope of the lower edge is
-    that of the right one. A common scale is not part of it: it does not show in the motion of the sensor.
+    Each value is a relative error of depth at the ray slope of the image's right edge, to the right or as far down. A
+    scale of all depths is no part of it, as the motion of the sensor does not show it.
     """
 
     right: float = setting(0.0, "", "bend to the right", "none: `surefoot calibrate-noise`")

@@ -17,8 +17,9 @@ from jaxtyping import Bool, Float, UInt8
 
 from ..depth.distortion import MOST_BEND, Bend, Distortion
 from ..primitives.frame import Depth
+from ..primitives.pose import Pose3
 from . import _bend_kernels as kernels
-from .alignment import FINEST_GATE_M, Alignment, fitted_light
+from .alignment import FINEST_GATE_M, fitted_light
 from .likelihood import COMMON_PX
 from .odometry import TRACKED, Odometry, OdometryConfig, Step
 from .pyramid import CompressedImage, Pyramid, build, compress
@@ -27,9 +28,7 @@ MOST_IMAGES = 160  # ours: later images of a recording are left out; bounds memo
 MOST_ROUNDS = 8  # ours: each halves what is left of the bend, or better
 CONVERGED = 3e-4  # ours: of a coefficient
 MODEL = 20.0  # ours: pixels that share an error, as multiples of those of an alignment: the bend is no exact quadric
-KNOWN = (
-    0.5  # ours: a coefficient is known if its standard deviation is below, in those of the prior
-)
+KNOWN = 0.5  # ours: of the prior's standard deviation; a coefficient is known if its own is below
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,8 @@ class BendOfPairs:
         if step.reference == before[0] and self._level < min(
             len(before[1].levels), len(image.levels)
         ):
-            ours, its = _of_bend(before[1], image, step.aligned, self._level)
+            found = step.aligned
+            ours, its = of_pair(before[1], image, found.motion, found.error, self._level)
             self._information += ours
             self._pull += its
             self.pairs += 1
@@ -135,18 +135,25 @@ def _straightened(image: Pyramid, bend: Bend) -> Pyramid:
     return Pyramid(tuple(levels), image.floor, image.bend)
 
 
-def _of_bend(
-    target: Pyramid, source: Pyramid, aligned: Alignment, level: int
+def of_pair(
+    target: Pyramid, source: Pyramid, motion: Pose3, error: float, level: int
 ) -> tuple[Float[np.ndarray, "5 5"], Float[np.ndarray, "5"]]:
-    """Information and gradient of the bend by one pair of images, their motion eliminated."""
+    """Information and gradient of the bend by one pair of images, their motion eliminated.
+
+    Args:
+        target, source: The images.
+        motion: T_target_source.
+        error: Root mean square distance to the surfaces, in standard deviations.
+        level: Of the pyramids.
+    """
     to, of = target.levels[level], source.levels[level]
     H = np.empty((kernels.UNKNOWNS, kernels.UNKNOWNS))
     g = np.empty(kernels.UNKNOWNS)
-    T = aligned.motion.matrix
+    T = motion.matrix
     light = fitted_light(to, of, T)
     kernels.bend_equations(of.as_source, to.as_target, T, FINEST_GATE_M, light, H, g)
     H = np.triu(H) + np.triu(H, 1).T
-    common = max(aligned.error, 1.0) ** 2 * COMMON_PX * MODEL / 4**level
+    common = max(error, 1.0) ** 2 * COMMON_PX * MODEL / 4**level
     m = kernels.MOTION
     gain = np.linalg.solve(H[:m, :m] + 1e-3 * np.eye(m), H[:m, m:]).T
     return (H[m:, m:] - gain @ H[:m, m:]) / common, (g[m:] - gain @ g[:m]) / common

@@ -283,6 +283,8 @@ def _camera_in_the_hand(rng: np.random.Generator) -> str:
     from mapping.surface.traversability import traversability
     from mapping.surface.tsdf import Tsdf
     from perception.depth import structured_light
+    from perception.odometry.depth_bend import of_pair
+    from perception.odometry.pyramid import build
     from perception.odometry.rgbd_odometry import Odometer
 
     CloudBuilder(CloudConfig(most_voxels=8)).add(rng.uniform(0.0, 1.0, (50, 3)))
@@ -293,6 +295,7 @@ def _camera_in_the_hand(rng: np.random.Generator) -> str:
         depth = structured_light.depth(view)
         rgb = rng.integers(0, 255, (*depth.z.shape, 3)).astype(np.uint8)
         odometer.track_images(depth, rgb)
+        of_pair(build(depth, rgb), build(depth, rgb), Pose3(), 1.0, 0)
         surface.integrate(depth, Pose3(), rgb)
     odometer.trajectory()
     traversability(surface.mesh())
