@@ -14,9 +14,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 
 from ..primitives import plugins
 from ..primitives.camera import Camera
@@ -115,11 +116,18 @@ class Bend:
     scale of all depths is no part of it, as the motion of the sensor does not show it.
     """
 
-    right: float = setting(0.0, "", "bend to the right", "none: `surefoot calibrate-noise`")
-    down: float = setting(0.0, "", "bend downwards", "none: likewise")
-    right_right: float = setting(0.0, "", "bend with the square to the right", "none: likewise")
-    right_down: float = setting(0.0, "", "bend with right times down", "none: likewise")
-    down_down: float = setting(0.0, "", "bend with the square downwards", "none: likewise")
+    right: float = setting(
+        0.0,
+        "",
+        "relative error of depth at the right edge, growing with the slope to the right",
+        "none: `surefoot calibrate-noise`",
+    )
+    down: float = setting(0.0, "", "the same with the slope downwards", "none: likewise")
+    right_right: float = setting(
+        0.0, "", "with the square of the slope to the right", "none: likewise"
+    )
+    right_down: float = setting(0.0, "", "with the product of both slopes", "none: likewise")
+    down_down: float = setting(0.0, "", "with the square of the slope downwards", "none: likewise")
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -133,20 +141,22 @@ class Bend:
         """In the order of `ORDERS`, without the constant."""
         return np.array([self.right, self.down, self.right_right, self.right_down, self.down_down])
 
-    def straightened(self, z: Float[np.ndarray, "h w"], camera: Camera) -> Float[np.ndarray, "h w"]:
-        """A depth image without the bend, of the same type; the image itself if there is none."""
+    def straightened(
+        self, z: Float32[np.ndarray, "h w"], camera: Camera
+    ) -> Float32[np.ndarray, "h w"]:
+        """A depth image, m, without the bend; the image itself if there is none."""
         if not self.coefficients.any():
             return z
-        return z / (1.0 + bend_field(camera, self.coefficients)).astype(z.dtype)
+        return z / stretch(camera, self)
 
 
-def bend_field(camera: Camera, coefficients: Float[np.ndarray, "5"]) -> Float[np.ndarray, "h w"]:
-    """Relative error of depth of every pixel by the coefficients of a `Bend`."""
-    a, b, c, d, e = coefficients
-    edge = camera.width / (2.0 * camera.fx)
-    u = (np.arange(camera.width) - camera.cx) / (camera.fx * edge)
-    v = ((np.arange(camera.height) - camera.cy) / (camera.fy * edge))[:, None]
-    return np.asarray(a * u + b * v + c * u * u + d * u * v + e * v * v)
+@lru_cache(maxsize=8)  # the levels of one camera
+def stretch(camera: Camera, bend: Bend) -> Float32[np.ndarray, "h w"]:
+    """What a bend multiplies the depth of every pixel by."""
+    u, v = (one.ravel() for one in np.broadcast_arrays(*camera.single_slopes))
+    shapes = quadric(u, v, camera.width / (2.0 * camera.fx))[:, 1:]
+    factor = (1.0 + shapes @ bend.coefficients).reshape(camera.height, camera.width)
+    return np.asarray(factor, np.float32)
 
 
 @dataclass(frozen=True)

@@ -52,16 +52,16 @@ def bend_equations(
     fx, fy, cx, cy = target.intrinsics
     edge = width / (2.0 * fx)
     here, there, row = np.empty(SHAPES), np.empty(SHAPES), np.empty(UNKNOWNS)
+    turned, q = np.empty(3), np.empty(3)
     use_grey = source.grey.shape[0] > 1 and light[0] > 0.0
     for v in range(source.z.shape[0]):
         for u in range(source.z.shape[1]):
             z, noise = float(source.z[v, u]), float(source.sigma[v, u])
             if not z > 0.0:
                 continue
-            turned = np.empty(3)
             for i in range(3):
                 turned[i] = (T[i, 0] * source.x[u] + T[i, 1] * source.y[v] + T[i, 2]) * z
-            q = turned + T[:3, 3]
+                q[i] = turned[i] + T[i, 3]
             if not q[2] >= 0.05:
                 continue
             at_u, at_v = fx * q[0] / q[2] + cx, fy * q[1] / q[2] + cy

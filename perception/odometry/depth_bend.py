@@ -24,7 +24,7 @@ from .likelihood import COMMON_PX
 from .odometry import TRACKED, Odometry, OdometryConfig, Step
 from .pyramid import CompressedImage, Pyramid, build, compress
 
-MOST_IMAGES = 160  # ours: later images of a recording are left out; bounds memory and time
+MOST_IMAGES = 160  # ours: some seconds of a recording
 MOST_ROUNDS = 8  # ours: each halves what is left of the bend, or better
 CONVERGED = 3e-4  # ours: of a coefficient
 MODEL = 20.0  # ours: pixels that share an error, as multiples of those of an alignment: the bend is no exact quadric
@@ -105,10 +105,14 @@ class BendEstimator:
         self._distortion = distortion
         self._images: list[CompressedImage] = []
 
+    @property
+    def is_full(self) -> bool:
+        """Whether there are `MOST_IMAGES`; more take memory and time."""
+        return len(self._images) >= MOST_IMAGES
+
     def add(self, depth: Depth, rgb: UInt8[np.ndarray, "h w 3"] | None) -> None:
-        """Take the next image; those beyond `MOST_IMAGES` are left out."""
-        if len(self._images) < MOST_IMAGES:
-            self._images.append(compress(build(depth, rgb, distortion=self._distortion)))
+        """Take the next image, with its registered colour image if there is one."""
+        self._images.append(compress(build(depth, rgb, distortion=self._distortion)))
 
     def solve(self) -> MotionBend:
         """The bend by all images so far."""

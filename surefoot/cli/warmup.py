@@ -295,9 +295,9 @@ def _camera_in_the_hand(rng: np.random.Generator) -> str:
         depth = structured_light.depth(view)
         rgb = rng.integers(0, 255, (*depth.z.shape, 3)).astype(np.uint8)
         odometer.track_images(depth, rgb)
-        of_pair(build(depth, rgb), build(depth, rgb), Pose3(), 1.0, 0)
         surface.integrate(depth, Pose3(), rgb)
     odometer.trajectory()
+    of_pair(build(depth, rgb), build(depth, rgb), Pose3(), 1.0, 0)
     traversability(surface.mesh())
     return "odometry and surface"
 

@@ -17,9 +17,9 @@ import numpy as np
 import tomli_w
 
 from perception.depth import points
-from perception.depth.distortion import Bend, Distortion, DistortionConfig, bend_field
+from perception.depth.distortion import Bend, Distortion, DistortionConfig, stretch
 from perception.depth.points import Points
-from perception.depth.sources import DepthSources
+from perception.depth.sources import DepthSources, registered_picture
 from perception.depth.time_of_flight import SIGMA_AT_M
 from perception.floor.depth_calibration import Calibrator, DepthCalibration
 from perception.odometry.depth_bend import BendEstimator, MotionBend
@@ -145,13 +145,13 @@ def calibrate(recording: Recording, config: Config, say: Say) -> NoiseSettings:
         recording.info.own_body,
     )
     views: dict[str, list[_View]] = {}
-    moving: dict[str, BendEstimator] = {}
+    moving = BendEstimator(DistortionConfig().depth)
     every = max(1, (recording.info.frames or 1) // MOST_VIEWS)
     for number, frame in enumerate(recording.frames()):
-        image = sources.for_odometry(frame)
-        if image is not None and image.sensor == "depth":
-            estimator = moving.setdefault("depth", BendEstimator(DistortionConfig().depth))
-            estimator.add(image.depth, image.rgb)
+        if frame.depth is not None and not moving.is_full:
+            depth = sources.image(frame, "depth")
+            if depth is not None:
+                moving.add(depth, registered_picture(frame, "depth"))
         if number % every:
             continue
         for sensor, depth in sources.images(frame):
@@ -165,17 +165,20 @@ def calibrate(recording: Recording, config: Config, say: Say) -> NoiseSettings:
     sensor = max(flat, key=lambda name: flat[name][1])
     calibrator, surfaces = flat[sensor]
     found, motion = calibrator.solve(), None
-    if sensor in moving:
+    refused = ""
+    if sensor == "depth":
         say("bend by the motion of the camera")
-        motion = moving[sensor].solve()
-        straight = [one.straightened(motion.bend) for one in views[sensor]]
-        calibrator, count = _flat(sensor, straight, config)
-        straightened = calibrator.solve() if count else found
-        if motion.known.any() and straightened.size < found.size:
-            found, surfaces = straightened, count
-        else:
-            motion = None
+        told = moving.solve()
+        if told.known.any():
+            straight = [one.straightened(told.bend) for one in views[sensor]]
+            calibrator, count = _flat(sensor, straight, config)
+            straightened = calibrator.solve() if count else found
+            if straightened.size < found.size:
+                found, surfaces, motion = straightened, count, told
+            else:
+                refused = "bend by the motion of the camera left out: flat surfaces are no flatter without it"
     settings, remarks = _settings(sensor, found, motion, config)
+    remarks += (refused,) if refused else ()
     return NoiseSettings(sensor, len(views[sensor]), surfaces, found, motion, settings, remarks)
 
 
@@ -188,7 +191,7 @@ class _View:
     T_world_camera: Pose3 | None
 
     def straightened(self, bend: Bend) -> _View:
-        share = 1.0 + bend_field(self.camera, bend.coefficients).ravel()[self.points.pixels]
+        share = stretch(self.camera, bend).ravel()[self.points.pixels]
         return _View(
             replace(self.points, xyz=self.points.xyz / share[:, None]),
             self.camera,

@@ -27,7 +27,7 @@ def write_tracking(
     states: Sequence[str],
     failures: Sequence[float],
     threshold: float,
-    bend: MotionBend | None = None,
+    bend: MotionBend,
 ) -> str:
     """Write the table.
 
@@ -58,10 +58,8 @@ def write_tracking(
     return found + _on_bend(bend)
 
 
-def _on_bend(bend: MotionBend | None) -> str:
+def _on_bend(bend: MotionBend) -> str:
     """Advice if the depth surely bends."""
-    if bend is None:
-        return ""
     size = np.abs(bend.bend.coefficients)
     sure = size > SAID_SIGMAS * np.sqrt(np.diag(bend.covariance))
     if not np.any(sure & (size > SAID_BEND)):

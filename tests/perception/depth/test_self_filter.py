@@ -6,7 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from perception.depth.self_filter import blackened, silhouette, without_self
@@ -151,10 +151,9 @@ def test_a_lens_with_distortion_loses_what_the_body_covers_and_little_more(
 ):
     own, joints = body(corners=corners), at(x, y, z, angle)
     truth = met(own, joints, lens, AHEAD)
-    assume(not truth.all())  # a lens inside of the body
     mask = silhouette(own, joints, lens, AHEAD, 0.0)
     assert not (truth & ~mask).any()
-    assert (mask & ~with_rim(own, joints, lens, AHEAD)).sum() <= 0.01 * mask.sum()
+    assert not (mask & ~with_rim(own, joints, lens, AHEAD)).any()
 
 
 def test_a_chest_below_the_view_is_masked_to_the_pixel_through_a_lens_that_folds():

@@ -61,6 +61,17 @@ def test_an_image_with_the_noise_of_the_model_or_less_keeps_that_of_the_model(ti
         np.testing.assert_allclose(ratio, 1.0, rtol=1e-4)
 
 
+@pytest.mark.parametrize("times", [0.0, 0.5, 1.0])
+def test_depth_in_steps_of_a_centimetre_has_its_true_error_or_that_of_the_model(times):
+    exact, _ = sloping((320, 240), 0.0)
+    z, camera = sloping((320, 240), times)
+    steps = np.round(z, 2)
+    sigma = 0.0012 + 0.0019 * (exact - 0.4) ** 2
+    true = max(1.0, 1.4826 * float(np.median(np.abs(steps - exact) / sigma)))
+    ratio = np.median(depth(DepthView(steps, camera)).sigma / sigma)
+    assert 0.9 * true < ratio < 1.1 * true
+
+
 @pytest.mark.filterwarnings("error")
 def test_rows_of_depth_that_cannot_be_change_no_noise_and_give_no_warning():
     z, camera = sloping((320, 240), 1.0)
