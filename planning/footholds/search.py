@@ -2,10 +2,10 @@
 
 A node is a standing foot. From it the other foot goes to one of a discrete set of places: level steps ahead, to the side
 and turned as on flat ground, and on every surface in reach the middle, and the places that are just clear of its nearer
-and its farther side. A place counts only if the chance that the sole misses an edge there, and the chance that it leaves what
-was seen, stay below a bound, and if no other surface is above it. The cost is the length of the path, weighted by the map of obstacles where there is one, and a
-share for each footstep, turn, rise and chance. Stairs down cost more than stairs up and allow shorter steps: the foot
-lands beyond an edge that hides its place.
+and its farther side. A place counts only if the chance that the sole misses an edge there, and the chance that it leaves
+what was seen, stay below a bound, and if no other surface is above it. The cost is the length of the path, weighted by the
+map of obstacles where there is one, and a share for each footstep, turn, rise and chance. Stairs down cost more than
+stairs up and allow shorter steps: the foot lands beyond an edge that hides its place.
 
 The estimate of the rest is the length of the way on a coarse map of the surfaces, weighted, so that few nodes are expanded and
 a plan may cost more than the best (weighted A*). Where the goal is out of

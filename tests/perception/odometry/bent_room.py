@@ -9,6 +9,8 @@ from perception.depth.distortion import Bend
 from perception.primitives.camera import Camera
 from perception.primitives.pose import Pose3
 
+from .walls import looked_at
+
 CAMERA = Camera(160, 120, 140.0, 140.0, 79.5, 59.5)
 WALLS = np.array(  # n.p = d, y down
     [[0.0, 0.0, 1.0, 2.6], [1.0, 0.0, 0.0, 1.9], [-1.0, 0.0, 0.0, 1.7], [0.0, 1.0, 0.0, 1.1]]
@@ -27,12 +29,7 @@ def pose(number: int) -> Pose3:
 
 def seen(T: Pose3, bend: Bend, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Depth with noise, bent, and a picture of a patterned room."""
-    directions = CAMERA.rays @ T.rotation.T
-    ahead = directions @ WALLS[:, :3].T
-    with np.errstate(divide="ignore"):
-        away = (WALLS[:, 3] - WALLS[:, :3] @ T.position) / ahead
-    z = np.where(ahead > 1e-6, away, np.inf).min(axis=-1)
-    spot = T.position + directions * z[..., None]
+    z, spot = looked_at(WALLS, T, CAMERA)
     light = np.sin(9 * spot[..., 0]) + np.sin(11 * spot[..., 1]) + np.sin(8 * spot[..., 2] + 1.0)
     right = (np.arange(160) - 79.5) / 80.0
     down = ((np.arange(120) - 59.5) / 80.0)[:, None]

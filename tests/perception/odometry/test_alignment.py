@@ -17,6 +17,8 @@ from perception.primitives.frame import Depth, DepthView
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose3
 
+from .walls import looked_at
+
 CAMERA = Camera(320, 240, 262.0, 262.0, 159.5, 119.5)
 WALLS = np.array(  # n.p = d for points in space, world axes as the first camera's
     [[0.0, 0.0, 1.0, 2.5], [0.8, 0.0, 0.6, 2.0], [0.0, 1.0, 0.0, 0.9], [-1.0, 0.0, 0.1, 1.4]]
@@ -27,12 +29,7 @@ def seen(
     pose: Pose3, rng: np.random.Generator | None = None, camera: Camera = CAMERA
 ) -> tuple[Depth, np.ndarray]:
     """Depth and colour image of four patterned walls, from a pose between them."""
-    directions = camera.rays @ pose.rotation.T
-    ahead = directions @ WALLS[:, :3].T
-    with np.errstate(divide="ignore"):
-        away = (WALLS[:, 3] - WALLS[:, :3] @ pose.position) / ahead
-    z = np.where(ahead > 1e-6, away, np.inf).min(axis=-1)
-    spots = pose.position + directions * z[..., None]
+    z, spots = looked_at(WALLS, pose, camera)
     light = np.sin(6 * spots[..., 0]) + np.sin(7 * spots[..., 1]) + np.sin(5 * spots[..., 2] + 1.0)
     if rng is not None:
         z = z + rng.standard_normal(z.shape) * (0.0012 + 0.0019 * (z - 0.4) ** 2)
