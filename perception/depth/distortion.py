@@ -141,6 +141,10 @@ class Bend:
         """In the order of `ORDERS`, without the constant."""
         return np.array([self.right, self.down, self.right_right, self.right_down, self.down_down])
 
+    def and_then(self, rest: Bend) -> Bend:
+        """This bend and what was left of it, to first order."""
+        return Bend(*(float(value) for value in self.coefficients + rest.coefficients))
+
     def straightened(
         self, z: Float32[np.ndarray, "h w"], camera: Camera
     ) -> Float32[np.ndarray, "h w"]:

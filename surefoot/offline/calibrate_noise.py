@@ -176,7 +176,9 @@ def calibrate(recording: Recording, config: Config, say: Say) -> NoiseSettings:
             if straightened.size < found.size:
                 found, surfaces, motion = straightened, count, told
             else:
-                refused = "bend by the motion of the camera left out: flat surfaces are no flatter without it"
+                refused = (
+                    "bend by the motion of the camera left out: flat surfaces do not confirm it"
+                )
     settings, remarks = _settings(sensor, found, motion, config)
     remarks += (refused,) if refused else ()
     return NoiseSettings(sensor, len(views[sensor]), surfaces, found, motion, settings, remarks)
@@ -232,8 +234,8 @@ def _settings(
         )
     published: Distortion = DistortionConfig().of(sensor)
     size = found.size
-    bend = {name: round(size * value, 6) for name, value in vars(published).items()}
-    tables: dict[str, Any] = {"floor": {"distortion": {sensor: bend}}}
+    scaled = {name: round(size * value, 6) for name, value in vars(published).items()}
+    tables: dict[str, Any] = {"floor": {"distortion": {sensor: scaled}}}
     z = np.array([one.z for one in found.noise])
     sigma = np.array([one.sigma for one in found.noise])
     if sensor == "depth":
@@ -252,9 +254,10 @@ def _settings(
             "growth_per_m": round(growth, 6),
             "start_m": model.start_m,
         }
-        if motion is not None:
+        bend = model.bend if motion is None else model.bend.and_then(motion.bend)
+        if bend != Bend():
             tables["structured_light"]["bend"] = {
-                name: round(value, 6) for name, value in vars(motion.bend).items()
+                name: round(value, 6) for name, value in vars(bend).items()
             }
     elif sensor == "tof":
         varying = np.maximum(sigma**2 - config.tof.fixed_m**2, LEAST_SIGMA_M**2)

@@ -53,9 +53,8 @@ def export(runs: Sequence[RunFolder], out: Path, say: Say, fps: int | None = Non
         InputError: A run has no poses, or other features than the first.
         OutputError: The folder holds something, or cannot be written.
     """
-    part = (
-        out / f"{PART}dataset"
-    )  # inside: the folder may be the working directory, or a disk of its own
+    # inside: the folder may be the working directory, or a disk of its own
+    part = out / f"{PART}dataset"
     new = not out.exists()
     if not new and (not out.is_dir() or any(one != part for one in out.iterdir())):
         raise OutputError(f"{out} is not empty; choose another folder for the dataset")

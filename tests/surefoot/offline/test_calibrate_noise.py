@@ -163,3 +163,8 @@ def test_calibrated_settings_straighten_a_trajectory(bent_recording, tmp_path):
         assert ("depth bends by at least" in said) == (not more)
         errors.append(largest_error_m(out, bent_recording / "truth.txt"))
     assert errors[1] < 0.5 * errors[0]
+    again = tmp_path / "again.toml"  # with the bend taken out already, it stays in the file
+    code, said = call("calibrate-noise", bent_recording, "--config", settings, "--out", again)
+    assert code == 0, said
+    written = load(again).structured_light.bend.coefficients
+    np.testing.assert_allclose(written, BENT.coefficients, atol=0.004)
