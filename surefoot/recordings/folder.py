@@ -201,7 +201,7 @@ def depth_images(folder: Path, pattern: str = "*") -> list[Path]:
 def _files(folder: Path, pattern: str, suffixes: tuple[str, ...]) -> list[Path]:
     if not folder.is_dir():
         return []
-    found = [p for p in folder.glob(pattern) if p.suffix.lower() in suffixes and p.is_file()]
+    found = [p for p in folder.glob(pattern) if p.suffix.lower() in suffixes]
     return sorted(found, key=_natural)
 
 

@@ -3,7 +3,7 @@
 The JSON is Open3D's (`intrinsic_matrix`, column-major, also inside `intrinsic`) or RealSense's (`fx`, `fy`, `ppx`,
 `ppy`, `width`, `height`, `coeffs`, also inside `depth` or `color`). Depth is in millimetres unless the JSON has a
 `depth_scale`, in units per metre as Open3D has it or in metres per unit as RealSense has it; 0 means no depth. The
-log has camera-to-world matrices, and the frame rate is 30 Hz.
+log has camera-to-world matrices. Images are numbered at 30 Hz, or their names end in microseconds.
 
 The vertical axis depends on the data set. Rendered rooms (after ICL-NUIM) have y up; they are recognised by cameras
 that never roll about it. For others a recording.toml may give it.
@@ -14,7 +14,9 @@ Source: Choi et al., CVPR 2015; open3d.org, RGBD data sets and PinholeCameraIntr
 from __future__ import annotations
 
 import contextlib
+import itertools
 import re
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,7 @@ from .folder import (
     FrameFiles,
     camera_of,
     depth_images,
+    number_in,
     pair,
     pictures,
     pose_lines,
@@ -73,12 +76,14 @@ def open_redwood(path: Path, description: Description | None = None) -> FolderRe
     files = [
         FrameFiles(
             depth.name,
-            i / KINECT_HZ,
+            stamp_s,
             depth,
             colour,
             partial(pose_of_matrix, matrices[lines[i]]) if matrices else None,
         )
-        for i, (depth, colour) in enumerate(zip(depths, matches, strict=True))
+        for i, (depth, colour, stamp_s) in enumerate(
+            zip(depths, matches, _stamps(depths), strict=True)
+        )
     ]
     info = RecordingInfo(
         name=path.resolve().name,
@@ -88,6 +93,20 @@ def open_redwood(path: Path, description: Description | None = None) -> FolderRe
         gravity_up_world=(0.0, 1.0, 0.0) if _rendered_upright(matrices) else None,
     )
     return known_layout(path, info, files, camera, unit, remarks, description)
+
+
+def _stamps(depths: Sequence[Path]) -> list[float]:
+    """Of each image, s: the microseconds in names such as 0000002-000000033369.png, else numbers at 30 Hz, else the order."""
+    clocks = [re.fullmatch(r"\d+-(\d{12})", depth.stem) for depth in depths]
+    if all(clocks):
+        return [1e-6 * int(clock[1]) for clock in clocks if clock]
+    numbers = [number_in(depth) for depth in depths]
+    counted = [number for number in numbers if number is not None]
+    rising = all(a < b for a, b in itertools.pairwise(counted))
+    return [
+        number / KINECT_HZ
+        for number in (counted if rising and len(counted) == len(depths) else range(len(depths)))
+    ]
 
 
 def _intrinsics_files(path: Path) -> list[Path]:

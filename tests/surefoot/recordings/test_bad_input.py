@@ -1,5 +1,6 @@
 """Bad input: the recording is refused with advice, or the frame is skipped and counted."""
 
+import os
 import shutil
 
 import cv2
@@ -136,6 +137,26 @@ DAMAGE = {
 }
 
 
+NO_FILES = {
+    "pipe": (os.mkfifo, "depth image is not a file"),
+    "folder": (lambda p: p.mkdir(), "depth image is not a file"),
+    "device": (lambda p: p.symlink_to("/dev/zero"), "depth image is not a file"),
+    "link to nothing": (lambda p: p.symlink_to("nowhere.png"), "depth image is missing"),
+    "link to itself": (lambda p: p.symlink_to(p.name), "depth image cannot be read"),
+}
+
+
+@pytest.mark.parametrize("kind", NO_FILES)
+def test_what_stands_for_a_depth_image_and_is_no_file_is_counted(plain, kind):
+    make, reason = NO_FILES[kind]
+    (plain / "depth/1.png").unlink()
+    make(plain / "depth/1.png")
+    recording = open_recording(plain)
+    assert [frame.stamp_s for frame in recording.frames()] == [0.0, 0.2]
+    assert [one.name for one in recording.skipped] == ["1.png"]
+    assert recording.skipped[0].reason.startswith(reason)
+
+
 @pytest.mark.parametrize("damage", DAMAGE)
 def test_a_bad_depth_image_skips_its_frame(plain, damage):
     spoil, reason = DAMAGE[damage]
@@ -213,10 +234,18 @@ def test_colour_images_that_match_no_depth_image_are_left_out_with_a_remark(redw
     assert recording.remarks[0].startswith("3 images but 2 colour images, and their names do not")
 
 
-def test_poses_are_found_by_the_number_of_an_image_if_images_are_missing(redwood):
+def test_poses_and_times_are_found_by_the_number_of_an_image_if_images_are_missing(redwood):
     (redwood / "depth/00001.png").unlink()
-    poses = [frame.T_world_camera for frame in open_recording(redwood).frames()]
-    assert [pose.translation[0] for pose in poses if pose is not None] == [0.0, 2.0]
+    frames = list(open_recording(redwood).frames())
+    assert [f.T_world_camera.translation[0] for f in frames if f.T_world_camera] == [0.0, 2.0]
+    assert [f.stamp_s for f in frames] == pytest.approx([0.0, 2.0 / 30.0])
+
+
+def test_microseconds_in_the_names_of_images_are_their_times(redwood):
+    for i, clock in enumerate((0, 33369, 100107)):
+        (redwood / f"depth/{i:05d}.png").rename(redwood / f"depth/{i + 1:07d}-{clock:012d}.png")
+    stamps = [frame.stamp_s for frame in open_recording(redwood).frames()]
+    assert stamps == pytest.approx([0.0, 0.033369, 0.100107])
 
 
 @pytest.mark.parametrize(
