@@ -18,6 +18,7 @@ from ._way_kernels import COARSE, ROUND_M, estimate, off_way, toll, way_left
 NODE = 10  # of a node: x, y, yaw and height of its foot, surface, foot (+1 left), cost, chances missed and unseen, parent
 MOVE = 3  # of a node: the footstep that leads to it
 YAWS, CELLS = 32, 1 << 14  # headings told apart; most places told apart
+PLACE = 0.3  # ours: of a longest level step; places nearer than that count as one
 SLOTS = 1 << 16
 GOAL, HORIZON, BORDER = 0, 1, 2  # where a plan ends
 GREED = 1.7  # ours: weight of the estimate, by which a plan may cost more than the best
@@ -224,7 +225,7 @@ def search(
     closed = np.zeros(room, np.bool_)
     half, h = body[:2], body[2]
     pace = max(limits[0], limits[6])
-    cell = 0.1 * limits[0]
+    cell = PLACE * limits[0]
     keys = np.full(room, -1, np.int64)
     nodes[0, :6], nodes[0, 6:9], nodes[0, 9] = start, 0.0, -1.0
     fx, fy = (

@@ -119,7 +119,12 @@ def plan(
         config: Bound of the chances.
         ground: Cost of obstacles and movers, as of the search on flat ground, in the body frame.
         nodes: That the search expands at most; more find ways through narrow places, and take longer.
+
+    Raises:
+        ConfigError: Without a node to expand.
     """
+    if nodes < 1:
+        raise ConfigError(f"footholds: nodes={nodes} must be 1 or more; {NODES} is usual")
     config = config or FootholdConfig()
     sides, planes = packed(surfaces)
     if not len(sides):

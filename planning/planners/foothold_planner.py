@@ -32,7 +32,7 @@ LOOKS = ((0.0, 0.0), (0.0, 0.25), (0.35, 0.1), (-0.35, 0.1), (0.0, -0.2), (0.0, 
 """Ours: gaze of a robot that stands and looks about, pan and tilt from its usual one, rad."""
 PATIENCE = 2  # ours: steps more than a turn about takes that lead nowhere before it looks about, and again before it gives up
 SOMEWHERE_M = 0.5  # ours: from where it was, of a step that leads somewhere
-LINGERS, THOROUGH = 6, 20 * NODES
+LINGERS, THOROUGH = 6, 4 * NODES
 """Ours: steps that lead nowhere, after which a search may take so many nodes."""
 LEAST_GAIN = 0.5
 """Ours: of a longest step, for which a step to the border of what is known is worth it."""

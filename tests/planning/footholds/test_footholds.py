@@ -16,6 +16,7 @@ from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import RobotModel, StepLimits
 from planning.footholds.foothold import FootNoise, chances
 from planning.footholds.search import NODES, FootholdConfig, PlanEnd, Stance, plan
+from planning.planners.foothold_planner import THOROUGH
 from planning.search.path import Terrain
 
 ROBOT = RobotModel(
@@ -262,11 +263,18 @@ def test_more_nodes_find_the_way_through_a_crooked_corridor():
     floor = rectangle(-1.0, 3.0, half=2.0)
     found = {
         nodes: plan([floor], STANCE, np.array([2.5, 0.0]), 0.1, ROBOT, SLIPPING, None, corridor, nodes)
-        for nodes in (NODES, 20 * NODES)
+        for nodes in (NODES, THOROUGH)
     }  # fmt: skip
+    bend_m = corners[2, 0]
     assert found[NODES].end is PlanEnd.BORDER
-    assert found[20 * NODES].end is PlanEnd.HORIZON
-    assert found[20 * NODES].gain_m > 2.0 * found[NODES].gain_m
+    assert max(one.pose.x for one in found[NODES].footholds) < bend_m
+    assert found[THOROUGH].end is PlanEnd.HORIZON
+    assert found[THOROUGH].footholds[-1].pose.x > bend_m
+
+
+def test_a_search_without_a_node_is_refused():
+    with pytest.raises(ConfigError, match="nodes=0"):
+        plan([rectangle(-1.0, 3.0)], STANCE, np.array([2.5, 0.0]), 0.1, ROBOT, SLIPPING, nodes=0)
 
 
 def test_more_risk_allows_narrower_treads():
