@@ -15,13 +15,14 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Float, Float32, UInt8
 
-from perception.depth import structured_light
+from perception.depth import structured_light, time_of_flight
 from perception.depth.reach import ReachConfig
+from perception.depth.sources import SENSORS
 from perception.depth.structured_light import StructuredLightConfig
 from perception.primitives import plugins
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
-from perception.primitives.frame import Depth, DepthView, Imu, StepOdometry
+from perception.primitives.frame import Depth, DepthView, Imu, RangeView, StepOdometry
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.landmark import Landmark
 from perception.primitives.plane import Plane
@@ -227,6 +228,7 @@ def depth_image(
     scale_per_metre: float | None = None,
     sigma_m: ArrayLike | None = None,
     T_body_camera: Pose3 | None = None,
+    sensor: str = "depth",
 ) -> Depth:
     """A depth image with its standard deviation.
 
@@ -237,13 +239,23 @@ def depth_image(
         sigma_m: Standard deviation of depth, one number or (h, w), m; None: as for
             `find_floor`.
         T_body_camera: Camera on the body.
+        sensor: Of `SENSORS`; its noise is taken if sigma_m is None.
 
     Raises:
-        InputError: As `metres`; or sigma_m has another shape or is not positive.
+        InputError: As `metres`; or sigma_m has another shape or is not positive; or it is None, for stereo.
     """
     camera = instance(camera, Camera, "camera")
     mount = optional(T_body_camera, Pose3, "T_body_camera")
     image = metres(depth_m, camera, scale_per_metre)
+    if sensor_named(sensor) == "stereo" and sigma_m is None:
+        raise InputError(
+            'sensor="stereo" needs sigma_m, as its noise follows from baseline and focal length; `stereo_depth` '
+            "returns it"
+        )
+    if sigma_m is None and sensor == "tof":
+        x, y = camera.slopes
+        ranges = (image * np.sqrt(1.0 + x * x + y * y)).astype(np.float32)
+        return time_of_flight.depth(RangeView(ranges, None, camera, mount))
     if sigma_m is None:
         return structured_light.depth(DepthView(image, camera, mount), StructuredLightConfig())
     expected = f"one number or {image.shape}, as depth_m, in m"
@@ -257,6 +269,15 @@ def depth_image(
             f"sigma_m must be positive wherever there is depth: {LEAST_SIGMA_M:g} m at least, {LARGEST:g} m at most"
         )
     return Depth(image, sigma.astype(np.float32), camera, mount)
+
+
+def sensor_named(name: Any) -> str:
+    """A kind of depth sensor. InputError for another word."""
+    if not isinstance(name, str) or name not in SENSORS:
+        raise InputError(
+            f"sensor is {reprlib.repr(name)}; one of {', '.join(map(repr, SENSORS))} was expected"
+        )
+    return name
 
 
 def grey(image: ArrayLike, camera: Camera, what: str) -> UInt8[np.ndarray, "h w"]:

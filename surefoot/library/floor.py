@@ -32,6 +32,7 @@ def find_floor(
     nearest_m: float = 0.3,
     farthest_m: float = 4.0,
     calibrated: bool = False,
+    sensor: str = "depth",
     seed: int = 0,
 ) -> Plane | None:
     """The floor in a depth image: a plane n.p + h = 0 with its covariance.
@@ -45,12 +46,15 @@ def find_floor(
         T_body_camera: Camera in a body frame with z = 0 on the floor, to about 1 degree and 1 cm (joint
             angles). It replaces `up`, and finds floors of which little is visible.
         scale_per_metre: Units per metre of an integer image: 1000 for millimetres.
-        sigma_m: Standard deviation of the noise of each pixel alone, one number or (h, w), m. None: that of a
-            structured-light camera, 1.2 mm + 1.9 mm (z - 0.4)^2, or what the image shows if that is clearly more.
+        sigma_m: Standard deviation of the noise of each pixel alone, one number or (h, w), m. None: that of the
+            sensor, or what the image shows if that is clearly more.
         nearest_m, farthest_m: Depths outside this range are not used.
         calibrated: Whether the depth hardly bends: it was rendered, or its bend is calibrated. The covariance then
-            allows for a common error of 0.05 % + 0.05 % z/m of depth instead of 1 % + 0.5 % z/m, that of consumer
-            cameras.
+            allows for a common error of 0.05 % + 0.05 % z/m of depth instead of that of the sensor.
+        sensor: "depth", structured light or active stereo: noise 1.2 mm + 1.9 mm (z - 0.4)^2, common error 1 % +
+            0.5 % z/m; "tof", time of flight: noise 5 mm and 4 mm (z/1.3)^2 along the ray, common error 11 mm + 0.1 %,
+            pixels between near and far things left out unless sigma_m is given; "stereo": common error as large as
+            sigma_m, which it needs.
         seed: Of the random samples; equal seeds give equal planes.
 
     Returns:
@@ -62,26 +66,31 @@ def find_floor(
 
     Source: seed 003, section 3, Fig. 4; Nguyen, Izadi, Lovell 2012 (noise).
     """
-    depth = checks.depth_image(depth_m, camera, scale_per_metre, sigma_m, T_body_camera)
+    depth = checks.depth_image(depth_m, camera, scale_per_metre, sigma_m, T_body_camera, sensor)
     reach = checks.reach(nearest_m, farthest_m)
     cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m)
-    found = search(cloud, depth, up, seed, calibrated)
+    found = search(cloud, depth, up, seed, calibrated, sensor)
     return None if found is None else found.plane
 
 
 def search(
-    cloud: Points, depth: Depth, up: ArrayLike | None, seed: int, calibrated: bool = False
+    cloud: Points,
+    depth: Depth,
+    up: ArrayLike | None,
+    seed: int,
+    calibrated: bool = False,
+    sensor: str = "depth",
 ) -> Floor | None:
     """The floor among the points of a checked image.
 
     Args:
         cloud: Points of the image.
         depth: The image.
-        up, seed, calibrated: As for `find_floor`.
+        up, seed, calibrated, sensor: As for `find_floor`.
     """
     prior = expected(depth.T_body_camera, up)
     rng = np.random.default_rng(checks.whole(seed, "seed"))
-    return choose.find(cloud, prior, rng, allowing(calibrated))
+    return choose.find(cloud, prior, rng, allowing(calibrated), sensor)
 
 
 def allowing(calibrated: bool) -> FloorConfig:

@@ -39,6 +39,7 @@ def find_obstacles(
     nearest_m: float = 0.3,
     farthest_m: float = 4.0,
     baseline_m: float | None = None,
+    sensor: str = "depth",
     seed: int = 0,
 ) -> list[Cluster] | None:
     """Objects that rise from the floor in a depth image, the nearest first.
@@ -57,6 +58,7 @@ def find_obstacles(
         nearest_m, farthest_m: Depths outside this range are not used.
         baseline_m: Distance of the cameras if a stereo pair measured the depth, as `stereo_depth` does, m. Objects
             that may go on where the pair has no depth are then not `placed`.
+        sensor: "depth", "tof" or "stereo", as for `find_floor`.
         seed: Of the search for the floor.
 
     Returns:
@@ -70,16 +72,16 @@ def find_obstacles(
 
     Source: seed 003, section 3 (classes of points); clusters and their covariance are ours.
     """
-    depth = checks.depth_image(depth_m, camera, scale_per_metre, sigma_m)
+    depth = checks.depth_image(depth_m, camera, scale_per_metre, sigma_m, sensor=sensor)
     if baseline_m is not None:
         depth = replace(depth, baseline_m=checks.positive(baseline_m, "baseline_m"))
     height_m = checks.positive(robot_height_m, "robot_height_m")
-    stride = ReachesConfig().of("depth", camera.width).stride
+    stride = ReachesConfig().of(sensor, camera.width).stride
     reach = replace(checks.reach(nearest_m, farthest_m), stride=stride)
     cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, stride)
     floor = plane = checks.optional(floor, Plane, "floor")
     if floor is None:
-        found = search(cloud, depth, up, seed)
+        found = search(cloud, depth, up, seed, sensor=sensor)
         if found is None:
             return None
         floor, plane = found.plane, found.among_points

@@ -23,6 +23,7 @@ def find_regions(
     nearest_m: float = 0.3,
     farthest_m: float = 4.0,
     calibrated: bool = False,
+    sensor: str = "depth",
 ) -> list[Region]:
     """Plane surfaces in a depth image: floors, treads, risers, ramps, walls; the one with most pixels first.
 
@@ -30,10 +31,11 @@ def find_regions(
         depth_m: (h, w), depth along the optical axis, m, as for `find_floor`.
         camera: Intrinsics; axes x right, y down, z ahead.
         scale_per_metre: Units per metre of an integer image: 1000 for millimetres.
-        sigma_m: Standard deviation of the noise of each pixel alone, one number or (h, w), m. None: that of a
-            structured-light camera, as for `find_floor`.
+        sigma_m: Standard deviation of the noise of each pixel alone, one number or (h, w), m. None: that of the
+            sensor, as for `find_floor`.
         nearest_m, farthest_m: Depths outside this range are not used.
         calibrated: Whether the depth hardly bends, which makes the covariance smaller, as for `find_floor`.
+        sensor: "depth", "tof" or "stereo", as for `find_floor`.
 
     Returns:
         Regions in the camera frame: `plane` with its covariance, `pixels` (n,) as flat indices and `mask(camera)`,
@@ -45,8 +47,9 @@ def find_regions(
 
     Source: ours, after Proenca and Gao 2018; Nguyen, Izadi, Lovell 2012 (noise).
     """
-    depth = checks.depth_image(depth_m, camera, scale_per_metre, sigma_m)
-    return segmentation.find(depth, checks.reach(nearest_m, farthest_m), allowing(calibrated))
+    depth = checks.depth_image(depth_m, camera, scale_per_metre, sigma_m, sensor=sensor)
+    reach = checks.reach(nearest_m, farthest_m)
+    return segmentation.find(depth, reach, allowing(calibrated), sensor)
 
 
 def find_stairs(
@@ -60,6 +63,7 @@ def find_stairs(
     nearest_m: float = 0.3,
     farthest_m: float = 4.0,
     calibrated: bool = False,
+    sensor: str = "depth",
 ) -> Staircase | None:
     """The staircase in a depth image, up or down: riser, tread, direction and first edge with their covariance.
 
@@ -71,10 +75,11 @@ def find_stairs(
         T_body_camera: Camera in a body frame with z = 0 on the floor, to about 1 degree (joint angles). It
             replaces `up`; one of the two is needed.
         scale_per_metre: Units per metre of an integer image: 1000 for millimetres.
-        sigma_m: Standard deviation of the noise of each pixel alone, one number or (h, w), m. None: that of a
-            structured-light camera, as for `find_floor`.
+        sigma_m: Standard deviation of the noise of each pixel alone, one number or (h, w), m. None: that of the
+            sensor, as for `find_floor`.
         nearest_m, farthest_m: Depths outside this range are not used.
         calibrated: Whether the depth hardly bends, which makes the covariance smaller, as for `find_floor`.
+        sensor: "depth", "tof" or "stereo", as for `find_floor`.
 
     Returns:
         Staircase in the camera frame: `riser_m`, `tread_m`, `steps` seen, unit vectors `direction` (in which it
@@ -98,5 +103,6 @@ def find_stairs(
         nearest_m=nearest_m,
         farthest_m=farthest_m,
         calibrated=calibrated,
+        sensor=sensor,
     )
     return staircase.find(regions, prior)

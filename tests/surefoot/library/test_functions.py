@@ -85,6 +85,44 @@ def test_the_covariance_of_a_floor_is_that_of_depth_that_bends_as_it_should(cali
     assert np.mean(deviations) < 0.002 if calibrated else np.mean(deviations) > 0.008
 
 
+@pytest.mark.parametrize("sensor", ["depth", "tof", "stereo"])
+def test_the_covariances_of_floor_and_regions_are_those_of_the_distortion_of_the_sensor(sensor):
+    true, depth = surefoot.Plane(UP, HEIGHT_M), scene(noise=False)
+    sigma_m = 0.008 if sensor == "stereo" else 0.003
+    u, v = (np.broadcast_to(one, depth.shape).ravel() for one in CAMERA.slopes)
+    noise = np.full(depth.size, sigma_m)
+    field = DistortionConfig().of(sensor).field(u, v, depth.ravel(), noise, float(u.max()))
+    squares: dict[str, list[float]] = {"floor": [], "region": []}
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        bend = (field @ rng.normal(size=field.shape[1])).reshape(depth.shape)
+        seen = depth * (1.0 + bend) + sigma_m * rng.normal(size=depth.shape)
+        floor = surefoot.find_floor(seen, CAMERA, UP, sigma_m=sigma_m, sensor=sensor)
+        regions = surefoot.find_regions(seen, CAMERA, sigma_m=sigma_m, sensor=sensor)
+        assert floor is not None
+        for name, plane in (("floor", floor), ("region", regions[0].plane)):
+            error = plane.error_to(true)
+            squares[name].append(error @ np.linalg.solve(plane.covariance, error) / 3.0)
+    for name, values in squares.items():
+        assert 0.5 < np.mean(values) < 2.0, name
+
+
+def test_the_noise_of_a_time_of_flight_camera_is_that_of_its_ranges():
+    true, rng = surefoot.Plane(UP, HEIGHT_M), np.random.default_rng(0)
+    depth = scene(noise=False)
+    x, y = CAMERA.slopes
+    along = 1.0 / np.sqrt(1.0 + x**2 + y**2)
+    ranges = depth / along
+    ranges = ranges + 0.004 * (ranges / 1.3) ** 2 * rng.normal(size=ranges.shape)
+    found = surefoot.find_floor(ranges * along, CAMERA, UP, sensor="tof")
+    assert found is not None
+    error = found.error_to(true)
+    assert error @ np.linalg.solve(found.covariance, error) < 16.3  # chi-square, 3, 0.999
+    assert math.sqrt(found.covariance[2, 2]) < 0.020  # of an RGB-D camera 0.008 to 0.03
+    with pytest.raises(surefoot.InputError, match="needs sigma_m"):
+        surefoot.find_floor(depth, CAMERA, UP, sensor="stereo")
+
+
 def test_a_known_mount_gives_the_floor_in_the_same_frame():
     mount = surefoot.Pose3.from_rotation(head_rotation(0.0, TILT_RAD), np.array([0, 0, HEIGHT_M]))
     found = surefoot.find_floor(scene(), CAMERA, T_body_camera=mount)

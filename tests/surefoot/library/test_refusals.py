@@ -62,6 +62,7 @@ ON_DEPTH: dict[str, list[Any]] = {
     "sigma_m": ["a", RAGGED, DEPTH[:3], 0.0, -DEPTH, 1e-20, HUGE],
     "nearest_m": [*NUMBERS, -1.0, 5.0],
     "farthest_m": [*NUMBERS, -1.0],
+    "sensor": [None, 5, "lidar", ["tof"], "stereo"],
 }
 OF_A_RECORDING: dict[str, list[Any]] = {
     "recording": [None, *PATHS],
