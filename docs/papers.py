@@ -36,7 +36,7 @@ def taken(result: dict[str, Any], figures: set[str]) -> dict[str, Any]:
     if lacking:
         raise SystemExit(f"{result['id']}: the result has no {', '.join(lacking)}")
     return {
-        "figures": {name: float(f"{result['figures'][name]:.4g}") for name in sorted(figures)},
+        "figures": {name: float(f"{result['figures'][name]:.6g}") for name in sorted(figures)},
         "seeds": result["seeds"],
         "version": result["version"],
         "date": datetime.now(UTC).date().isoformat(),

@@ -75,7 +75,7 @@ def test_a_result_brings_its_figures_into_the_page(tmp_path, monkeypatch):
         "<!--000-E1 share .0%-->92 % and <!--000-E1 off_m .3-->0.026 m; <!--x-1 a .1-->2.0"
     )
     found = json.loads(kept.read_text())["000-E1"]
-    assert found["figures"] == {"share": 0.9234, "off_m": 0.0264}
+    assert found["figures"] == {"share": 0.92345, "off_m": 0.0264}
     assert (found["seeds"], found["version"]) == (10, "0.1.0")
 
 
