@@ -3,7 +3,7 @@
 The JSON is Open3D's (`intrinsic_matrix`, column-major, also inside `intrinsic`) or RealSense's (`fx`, `fy`, `ppx`,
 `ppy`, `width`, `height`, `coeffs`, also inside `depth` or `color`). Depth is in millimetres unless the JSON has a
 `depth_scale`, in units per metre as Open3D has it or in metres per unit as RealSense has it; 0 means no depth. The
-log has camera-to-world matrices. Images are numbered at 30 Hz, or their names end in microseconds.
+log has camera-to-world matrices. Images are numbered at 30 Hz, or their names are times.
 
 The vertical axis depends on the data set. Rendered rooms (after ICL-NUIM) have y up; they are recognised by cameras
 that never roll about it. For others a recording.toml may give it.
@@ -35,6 +35,7 @@ from .folder import (
     FrameFiles,
     camera_of,
     depth_images,
+    is_stamp,
     number_in,
     pair,
     pictures,
@@ -47,6 +48,9 @@ from .recording import RecordingInfo
 _COLOUR_FOLDERS = ("color", "image", "rgb", "colour")
 _INTRINSICS = re.compile(r'"(?:intrinsic_matrix|ppx)"')
 _PARTS = ("depth", "intrinsic", "intrinsics", "color", "colour")
+MOST_FRAMES = (
+    1_000_000  # ours: nine hours at 30 Hz; a larger number in a name is the time of a clock
+)
 Lens = tuple[float, float, float, float, float]
 NO_LENS: Lens = (0.0, 0.0, 0.0, 0.0, 0.0)
 _NO_ROLL = 1e-6  # sine of the roll of a rendered camera, printed with 16 digits
@@ -96,17 +100,20 @@ def open_redwood(path: Path, description: Description | None = None) -> FolderRe
 
 
 def _stamps(depths: Sequence[Path]) -> list[float]:
-    """Of each image, s: the microseconds in names such as 0000002-000000033369.png, else numbers at 30 Hz, else the order."""
+    """Of each image, s, by its name: seconds, as 1341841278.8427.png, microseconds, as 0000002-000000033369.png, or a number.
+
+    Numbers are of frames at 30 Hz; where they do not rise, or are too large for that, the order of the images counts.
+    """
+    if all(is_stamp(depth) for depth in depths):
+        return [float(depth.stem) for depth in depths]
     clocks = [re.fullmatch(r"\d+-(\d{12})", depth.stem) for depth in depths]
     if all(clocks):
         return [1e-6 * int(clock[1]) for clock in clocks if clock]
-    numbers = [number_in(depth) for depth in depths]
-    counted = [number for number in numbers if number is not None]
-    rising = all(a < b for a, b in itertools.pairwise(counted))
-    return [
-        number / KINECT_HZ
-        for number in (counted if rising and len(counted) == len(depths) else range(len(depths)))
-    ]
+    numbers = [number for depth in depths if (number := number_in(depth)) is not None]
+    rise = all(a < b for a, b in itertools.pairwise(numbers))
+    if len(numbers) < len(depths) or not rise or max(numbers, default=0) > MOST_FRAMES:
+        numbers = list(range(len(depths)))
+    return [number / KINECT_HZ for number in numbers]
 
 
 def _intrinsics_files(path: Path) -> list[Path]:

@@ -241,11 +241,20 @@ def test_poses_and_times_are_found_by_the_number_of_an_image_if_images_are_missi
     assert [f.stamp_s for f in frames] == pytest.approx([0.0, 2.0 / 30.0])
 
 
-def test_microseconds_in_the_names_of_images_are_their_times(redwood):
-    for i, clock in enumerate((0, 33369, 100107)):
-        (redwood / f"depth/{i:05d}.png").rename(redwood / f"depth/{i + 1:07d}-{clock:012d}.png")
-    stamps = [frame.stamp_s for frame in open_recording(redwood).frames()]
-    assert stamps == pytest.approx([0.0, 0.033369, 0.100107])
+@pytest.mark.parametrize(
+    ("names", "stamps"),
+    [
+        (("0000001-000000000000", "0000002-000000033369", "0000004-000000100107"), (0, 0.033369, 0.100107)),
+        (("1341841278.8427", "1341841278.8761", "1341841278.9428"), (0, 0.0334, 0.1001)),
+        (("1700000000123", "1700000000156", "1700000000223"), (0, 1 / 30, 2 / 30)),  # unit not told
+        (("7-3", "8-2", "9-1"), (0, 1 / 30, 2 / 30)),
+    ],
+)  # fmt: skip
+def test_times_follow_from_the_names_of_images_or_from_their_order(redwood, names, stamps):
+    for i, name in enumerate(names):
+        (redwood / f"depth/{i:05d}.png").rename(redwood / f"depth/{name}.png")
+    found = [frame.stamp_s for frame in open_recording(redwood).frames()]
+    assert [one - found[0] for one in found] == pytest.approx(stamps, abs=1e-6)
 
 
 @pytest.mark.parametrize(
