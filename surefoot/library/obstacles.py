@@ -91,7 +91,7 @@ def find_obstacles(
     T_floor_camera = camera_above_floor(floor)
     upright = T_floor_camera.apply(cloud.xyz)
     upright[:, 2] = floor.distance(cloud.xyz)
-    view = SegmentedView("depth", depth, cloud, classes, floor, None, T_floor_camera, upright)
+    view = SegmentedView(sensor, depth, cloud, classes, floor, None, T_floor_camera, upright)
     rising = view.rising
     return clustering.cluster(
         upright[rising],

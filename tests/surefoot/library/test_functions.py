@@ -108,19 +108,24 @@ def test_the_covariances_of_floor_and_regions_are_those_of_the_distortion_of_the
 
 
 def test_the_noise_of_a_time_of_flight_camera_is_that_of_its_ranges():
-    true, rng = surefoot.Plane(UP, HEIGHT_M), np.random.default_rng(0)
-    depth = scene(noise=False)
+    true, depth = surefoot.Plane(UP, HEIGHT_M), scene(noise=False)
     x, y = CAMERA.slopes
     along = 1.0 / np.sqrt(1.0 + x**2 + y**2)
-    ranges = depth / along
-    ranges = ranges + 0.004 * (ranges / 1.3) ** 2 * rng.normal(size=ranges.shape)
-    found = surefoot.find_floor(ranges * along, CAMERA, UP, sensor="tof")
+    sigma_m = np.hypot(0.005, 0.004 * (depth / along / 1.3) ** 2) * along  # SR-4000, as documented
+    found = surefoot.find_floor(depth, CAMERA, UP, sensor="tof", calibrated=True)
+    given = surefoot.find_floor(depth, CAMERA, UP, sensor="tof", calibrated=True, sigma_m=sigma_m)
+    other = surefoot.find_floor(depth, CAMERA, UP, calibrated=True)
     assert found is not None
-    error = found.error_to(true)
-    assert error @ np.linalg.solve(found.covariance, error) < 16.3  # chi-square, 3, 0.999
-    assert math.sqrt(found.covariance[2, 2]) < 0.020  # of an RGB-D camera 0.008 to 0.03
+    assert given is not None
+    assert other is not None
+    np.testing.assert_allclose(found.covariance, given.covariance, rtol=0.1, atol=1e-12)
+    assert not np.allclose(found.covariance, other.covariance, rtol=0.3, atol=1e-12)
+    assert found.angle_to(true) < math.radians(0.3)
+
+
+def test_the_noise_of_stereo_must_be_given():
     with pytest.raises(surefoot.InputError, match="needs sigma_m"):
-        surefoot.find_floor(depth, CAMERA, UP, sensor="stereo")
+        surefoot.find_floor(scene(), CAMERA, UP, sensor="stereo")
 
 
 def test_a_known_mount_gives_the_floor_in_the_same_frame():
