@@ -9,10 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..primitives.compiled import njit
-
-RADIUS = 4  # px, of a block
-SIDE = 2 * RADIUS + 1  # ours: 9 px
-NEVER = np.int16(32767)  # cost of a disparity that leads out of the image
+from ._stereo_trust_kernels import NEVER, RADIUS, SIDE, Rating, rate_row, sub_pixel
 
 
 @njit(cache=True)
@@ -53,70 +50,71 @@ def match(
     right: np.ndarray,
     disparities: int,
     given: bool,
+    rating: Rating,
     found: np.ndarray,
     costs: np.ndarray,
+    disparity: np.ndarray,
+    reliability: np.ndarray,
+    sigma: np.ndarray,
 ) -> None:
-    """Disparity of the lowest block cost of every pixel, and the costs that its reliability depends on.
+    """Disparity of the lowest block cost of every pixel, its reliability by costs, and its standard deviation.
 
     Args:
         left, right: Gradients from `prefilter`, uint8.
         disparities: Number of disparities searched, from 0; a multiple of 8, at most w.
         given: True to evaluate the disparities in `found`, in [0, disparities), instead of searching.
-        found: (h, w) int16, best disparity d; written unless `given`.
-        costs: (h, 5, w) int16, written: cost at d - 1, d and d + 1, lowest cost two or more away from d,
-            and lowest cost of the matched pixel of the right image with any left pixel. NEVER where
-            undefined.
+        rating: Parameters of reliability and standard deviation.
+        found: (h, w) int16, best disparity d; written unless `given`. With (1, w), each row overwrites the one before.
+        costs: (h, 5, w) or (1, 5, w) int16, written: cost at d - 1, d and d + 1, lowest cost two or more away from d,
+            and lowest cost of the matched pixel of the right image with any left pixel. NEVER where undefined.
+        disparity: (h, w) float32, sub-pixel; written unless `given`.
+        reliability, sigma: (h, w) float32, written.
     """
-    height, width = found.shape
+    height, width = disparity.shape
     padded = width + 2 * RADIUS
     row = np.full((disparities, width + disparities), NEVER, np.int16)  # costs of one image row
-    column, threes = np.empty(padded, np.int16), np.empty(padded, np.int16)
+    column, threes = np.empty(padded, np.int8), np.empty(padded, np.int16)
     back = np.empty(width, np.int16)
     for d in range(disparities):
-        column[:] = 0
-        for k in range(SIDE):
-            _add(column[d:], left[k, d:], right[k])
         row[d, d:width] = 0
-        _box(column[d:], threes, row[d, d:width])
+        for k in range(SIDE):
+            _change(column[d:], left[k, d:], right[k], right[k], right[k])  # none leaves
+            _box(column[d:], threes, row[d, d:width])
     for y in range(height):
         new, old = y + SIDE - 1, y - 1
-        best = costs[y, 1]
+        place, kept = found[y % len(found)], costs[y % len(costs)]
+        best = kept[1]
         best[:] = NEVER
         back[:] = NEVER
+        if not given:
+            place[:] = 0
         for first in range(0, disparities, 8):  # while the costs are in the cache
             for d in range(first, first + 8):
                 if y > 0:
                     _change(column[d:], left[new, d:], right[new], left[old, d:], right[old])
                     _box(column[d:], threes, row[d, d:width])
             if not given:
-                _least(row, first, best)
+                _least(row, first, best, place)
             _least_back(row, first, back)
+        _rival(row, place, kept[3])
+        _gather(row, place, back, kept)
         if not given:
-            _least_place(row, best, found[y])
-        _rival(row, found[y], costs[y, 3])
-        _gather(row, found[y], back, costs[y])
+            sub_pixel(place, kept, disparity[y])
+        rate_row(kept, rating, reliability[y], sigma[y])
 
 
-@njit(cache=True)
-def _add(column: np.ndarray, left: np.ndarray, right: np.ndarray) -> None:
-    for i in range(column.size):
-        a, b = left[i], right[i]
-        column[i] += a - b if a > b else b - a
-
-
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _change(
     column: np.ndarray, left: np.ndarray, right: np.ndarray, left0: np.ndarray, right0: np.ndarray
 ) -> None:
     """Change of the sum of each column of the block: a new row of pixels comes, the oldest one leaves."""
     for i in range(column.size):
         a, b, a0, b0 = left[i], right[i], left0[i], right0[i]
-        comes = a - b if a > b else b - a
-        leaves = a0 - b0 if a0 > b0 else b0 - a0
-        column[i] = comes - leaves
+        comes, leaves = np.int8(max(a, b) - min(a, b)), np.int8(max(a0, b0) - min(a0, b0))
+        column[i] = np.int8(comes - leaves)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _box(column: np.ndarray, threes: np.ndarray, out: np.ndarray) -> None:
     """Add sums of nine neighbours, built from sums of three."""
     n = out.size
@@ -128,20 +126,33 @@ def _box(column: np.ndarray, threes: np.ndarray, out: np.ndarray) -> None:
         out[i] += threes[i] + a[i] + b[i]
 
 
-@njit(cache=True)
-def _least(row: np.ndarray, d: int, best: np.ndarray) -> None:
-    """Update the lowest cost of each left pixel with the eight disparities from d on."""
+@njit(cache=True, forceinline=True)
+def _least(row: np.ndarray, d: int, best: np.ndarray, place: np.ndarray) -> None:
+    """Update the lowest cost of each left pixel, and its first disparity, with the eight disparities from d on."""
     n = best.size
     c0, c1, c2, c3 = row[d, d:n], row[d + 1, d:n], row[d + 2, d:n], row[d + 3, d:n]
     c4, c5, c6, c7 = row[d + 4, d:n], row[d + 5, d:n], row[d + 6, d:n], row[d + 7, d:n]
-    least = best[d:]
+    d0, d1, d2, d3 = np.int16(d), np.int16(d + 1), np.int16(d + 2), np.int16(d + 3)
+    d4, d5, d6, d7 = np.int16(d + 4), np.int16(d + 5), np.int16(d + 6), np.int16(d + 7)
+    least, at = best[d:], place[d:]
     for x in range(n - d):
         a = min(min(c0[x], c1[x]), min(c2[x], c3[x]))
         b = min(min(c4[x], c5[x]), min(c6[x], c7[x]))
-        least[x] = min(least[x], min(a, b))
+        low, before = min(a, b), least[x]
+        p0 = d0 if c0[x] == low else NEVER
+        p1 = d1 if c1[x] == low else NEVER
+        p2 = d2 if c2[x] == low else NEVER
+        p3 = d3 if c3[x] == low else NEVER
+        p4 = d4 if c4[x] == low else NEVER
+        p5 = d5 if c5[x] == low else NEVER
+        p6 = d6 if c6[x] == low else NEVER
+        p7 = d7 if c7[x] == low else NEVER
+        first = min(min(min(p0, p1), min(p2, p3)), min(min(p4, p5), min(p6, p7)))
+        at[x] = first if low < before else at[x]
+        least[x] = min(low, before)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _least_back(row: np.ndarray, d: int, back: np.ndarray) -> None:
     """The same for each right pixel, along the diagonals of the costs of the row."""
     n = back.size
@@ -155,36 +166,26 @@ def _least_back(row: np.ndarray, d: int, back: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def _least_place(row: np.ndarray, best: np.ndarray, place: np.ndarray) -> None:
-    """First disparity that has the lowest cost."""
-    n = best.size
-    place[:] = 0
-    for d in range(row.shape[0] - 4, -1, -4):
-        c0, c1, c2, c3 = row[d, d:n], row[d + 1, d:n], row[d + 2, d:n], row[d + 3, d:n]
-        d0, d1, d2, d3 = np.int16(d), np.int16(d + 1), np.int16(d + 2), np.int16(d + 3)
-        least, at = best[d:], place[d:]
-        for x in range(n - d):
-            low = least[x]
-            late = d3 if c3[x] == low else at[x]
-            late = d2 if c2[x] == low else late
-            late = d1 if c1[x] == low else late
-            at[x] = d0 if c0[x] == low else late
-
-
-@njit(cache=True)
 def _rival(row: np.ndarray, place: np.ndarray, away: np.ndarray) -> None:
     """Lowest cost at least two disparities away from the best one."""
     n = place.size
+    none = np.int16(0)
     away[:] = NEVER
     for d in range(0, row.shape[0], 4):
         c0, c1, c2, c3 = row[d, d:n], row[d + 1, d:n], row[d + 2, d:n], row[d + 3, d:n]
+        d0, d1, d2, d3 = np.int16(d), np.int16(d + 1), np.int16(d + 2), np.int16(d + 3)
+        before, after = np.int16(d - 1), np.int16(d + 4)
         at, least = place[d:], away[d:]
         for x in range(n - d):
-            gap = np.int16(at[x] - np.int16(d))
-            a = c0[x] if (gap < -1 or gap > 1) else NEVER
-            b = c1[x] if (gap < 0 or gap > 2) else NEVER
-            c = c2[x] if (gap < 1 or gap > 3) else NEVER
-            e = c3[x] if (gap < 2 or gap > 4) else NEVER
+            here = at[x]
+            f = NEVER if here == before else none
+            f0 = NEVER if here == d0 else none
+            f1 = NEVER if here == d1 else none
+            f2 = NEVER if here == d2 else none
+            f3 = NEVER if here == d3 else none
+            f4 = NEVER if here == after else none
+            a, b = max(c0[x], max(f, max(f0, f1))), max(c1[x], max(f0, max(f1, f2)))
+            c, e = max(c2[x], max(f1, max(f2, f3))), max(c3[x], max(f2, max(f3, f4)))
             least[x] = min(least[x], min(min(a, b), min(c, e)))
 
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..primitives.compiled import njit
-from ._block_matching_kernels import NEVER, SIDE
 
+RADIUS = 4  # px, of a block
+SIDE = 2 * RADIUS + 1  # ours: 9 px
+NEVER = np.int16(32767)  # cost of a disparity that leads out of the image
 NO_DISPARITY = np.int16(-8000)  # in sixteenths of a pixel; agrees with no neighbour
 NEAR_VOTES, FAR_VOTES = np.int16(3), np.int16(1)
 """Weight of near and far neighbours; near ones are more often on the same surface."""
@@ -22,21 +26,72 @@ GREY_NOISE = np.float32(1.0)  # ours: cost per pixel added in ratios of small co
 MOST_SIGMA_PX = np.float32(1.0)  # ours
 
 
+class Rating(NamedTuple):
+    """Parameters of reliability and standard deviation.
+
+    Args:
+        uniqueness: u_0, relative distance of the second-best cost from which a match is unique.
+        sigma_px: Standard deviation of a perfect match.
+        sigma_per_blur: Additional standard deviation per ratio of remaining cost to slope.
+    """
+
+    uniqueness: np.float32
+    sigma_px: np.float32
+    sigma_per_blur: np.float32
+
+
 @njit(cache=True, error_model="numpy")
-def sub_pixel(found: np.ndarray, costs: np.ndarray) -> np.ndarray:
-    """Sub-pixel disparity (h, w) float32, by a V through the three lowest costs of each pixel."""
-    height, width = found.shape
-    out = np.empty((height, width), np.float32)
+def rate_row(costs: np.ndarray, rating: Rating, reliability: np.ndarray, sigma: np.ndarray) -> None:
+    """Reliability by costs, and standard deviation in px, of one row.
+
+    Args:
+        costs: (5, w) int16 from `match`.
+        rating: Parameters.
+        reliability, sigma: (w,) float32, written.
+    """
+    per_pixel = np.float32(1.0 / (SIDE * SIDE))
+    _clarity(costs[0], costs[1], costs[2], costs[3], costs[4], per_pixel, rating, reliability)
+    _spread(costs[0], costs[1], costs[2], per_pixel, rating, sigma)
+
+
+@njit(cache=True, error_model="numpy")
+def sub_pixel(found: np.ndarray, costs: np.ndarray, out: np.ndarray) -> None:
+    """Sub-pixel disparity of one row, float32, by a V through the three lowest costs (5, w) of each pixel."""
+    lower, here, higher = costs[0], costs[1], costs[2]
+    for x in range(found.size):
+        a, b = np.float32(lower[x]), np.float32(higher[x])
+        arm = max(a, b) - np.float32(here[x])
+        step = np.float32(0.5) * (a - b) / max(arm, np.float32(1.0))
+        one_sided = lower[x] == NEVER or higher[x] == NEVER
+        out[x] = np.float32(found[x]) + (np.float32(0.0) if one_sided else step)
+
+
+@njit(cache=True, error_model="numpy")
+def agree(
+    disparity: np.ndarray, reliability: np.ndarray, sigma: np.ndarray, missing: np.ndarray
+) -> None:
+    """Reduce the reliability where few neighbours agree, and remove disparities that are impossible.
+
+    Args:
+        disparity: (h, w) float32, set to NaN where it is below `LEAST_PX` or leads out of the image.
+        reliability, sigma: (h, w) float32; 0 and NaN there.
+        missing: (h, w) uint8, written: 1 there, else 0.
+    """
+    height, width = disparity.shape
+    columns = np.arange(width).astype(np.float32)
+    sixteenths = _sixteenths(disparity)
+    votes = np.empty(width, np.int16)
     for y in range(height):
-        lower, here, higher = costs[y, 0], costs[y, 1], costs[y, 2]
-        place, row = found[y], out[y]
+        _votes(sixteenths, y, votes)
+        found, own, spread, none = disparity[y], reliability[y], sigma[y], missing[y]
+        _agreement(votes, found, columns, own)
         for x in range(width):
-            a, b = np.float32(lower[x]), np.float32(higher[x])
-            arm = max(a, b) - np.float32(here[x])
-            step = np.float32(0.5) * (a - b) / max(arm, np.float32(1.0))
-            one_sided = lower[x] == NEVER or higher[x] == NEVER
-            row[x] = np.float32(place[x]) + (np.float32(0.0) if one_sided else step)
-    return out
+            valid = (found[x] >= LEAST_PX) & (found[x] <= columns[x])
+            found[x] = found[x] if valid else np.float32(np.nan)
+        for x in range(width):
+            none[x] = np.uint8(found[x] != found[x])
+        for x in range(width):
+            spread[x] = spread[x] + np.float32(0.0) * found[x]  # NaN where there is none
 
 
 @njit(cache=True, error_model="numpy")
@@ -52,6 +107,16 @@ def support(disparity: np.ndarray) -> np.ndarray:
     Returns:
         (h, w) int16 in [0, 96]; border pixels stand for neighbours outside the image.
     """
+    sixteenths = _sixteenths(disparity)
+    votes = np.empty(disparity.shape, np.int16)
+    for y in range(len(votes)):
+        _votes(sixteenths, y, votes[y])
+    return votes
+
+
+@njit(cache=True, error_model="numpy")
+def _sixteenths(disparity: np.ndarray) -> np.ndarray:
+    """Disparity in sixteenths of a pixel, int16, with its border repeated `REACH` px outward."""
     height, width = disparity.shape
     sixteenths = np.empty((height + 2 * REACH, width + 2 * REACH), np.int16)
     for y in range(height):
@@ -66,19 +131,22 @@ def support(disparity: np.ndarray) -> np.ndarray:
     for y in range(REACH):
         sixteenths[y] = sixteenths[REACH]
         sixteenths[REACH + height + y] = sixteenths[REACH + height - 1]
-    votes = np.empty((height, width), np.int16)
-    near, far = np.int16(16.0 * SAME_PX), np.int16(24.0 * SAME_PX)
-    for y in range(height):
-        middle, count = sixteenths[y + REACH, REACH:], votes[y]
-        count[:] = 0
-        for i in range(3):
-            for k in range(1 if i == 0 else -2, 3):  # each pair of opposite neighbours once
-                _vote(sixteenths, y, i, k, 2, middle, near, NEAR_VOTES, count)
-                _vote(sixteenths, y, i, k, 5, middle, far, FAR_VOTES, count)
-    return votes
+    return sixteenths
 
 
 @njit(cache=True, error_model="numpy")
+def _votes(sixteenths: np.ndarray, y: int, count: np.ndarray) -> None:
+    """Votes for the pixels of row `y`."""
+    near, far = np.int16(16.0 * SAME_PX), np.int16(24.0 * SAME_PX)
+    middle = sixteenths[y + REACH, REACH:]
+    count[:] = 0
+    for i in range(3):
+        for k in range(1 if i == 0 else -2, 3):  # each pair of opposite neighbours once
+            _vote(sixteenths, y, i, k, 2, middle, near, NEAR_VOTES, count)
+            _vote(sixteenths, y, i, k, 5, middle, far, FAR_VOTES, count)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _vote(
     sixteenths: np.ndarray,
     y: int,
@@ -108,51 +176,6 @@ def _vote(
 
 
 @njit(cache=True, error_model="numpy")
-def trust(
-    disparity: np.ndarray,
-    costs: np.ndarray,
-    votes: np.ndarray,
-    uniqueness: np.float32,
-    sigma_px: np.float32,
-    sigma_per_blur: np.float32,
-    reliability: np.ndarray,
-    sigma: np.ndarray,
-) -> None:
-    """Reliability in [0, 1] and standard deviation of every disparity, px; 0 and NaN where there is none.
-
-    Args:
-        disparity: (h, w) float32, set to NaN where invalid.
-        costs: (h, 5, w) int16 from `match`.
-        votes: (h, w) int16 from `support`.
-        uniqueness: u_0, relative distance of the second-best cost from which a match is unique.
-        sigma_px: Standard deviation of a perfect match.
-        sigma_per_blur: Additional standard deviation per ratio of remaining cost to slope.
-        reliability, sigma: (h, w) float32, written.
-    """
-    height, width = disparity.shape
-    per_pixel = np.float32(1.0 / (SIDE * SIDE))
-    columns = np.arange(width).astype(np.float32)
-    for y in range(height):
-        lower, here, higher = costs[y, 0], costs[y, 1], costs[y, 2]
-        _clarity(
-            lower, here, higher, costs[y, 3], costs[y, 4], per_pixel, uniqueness, reliability[y]
-        )
-        _agreement(votes[y], disparity[y], columns, reliability[y])
-        spread, found = sigma[y], disparity[y]
-        for x in range(width):
-            cost = np.float32(here[x]) * per_pixel
-            ends = (np.float32(lower[x]) + np.float32(higher[x])) * per_pixel
-            valley = max(np.float32(0.5) * ends - cost, np.float32(0.01))
-            blur = sigma_per_blur * (cost + GREY_NOISE) / valley
-            spread[x] = min(sigma_px + blur, MOST_SIGMA_PX)
-        for x in range(width):
-            valid = (found[x] >= LEAST_PX) & (found[x] <= columns[x])
-            found[x] = found[x] if valid else np.float32(np.nan)
-        for x in range(width):
-            spread[x] = spread[x] + np.float32(0.0) * found[x]  # NaN where there is none
-
-
-@njit(cache=True, error_model="numpy")
 def _clarity(
     lower: np.ndarray,
     here: np.ndarray,
@@ -160,7 +183,7 @@ def _clarity(
     rival: np.ndarray,
     mutual: np.ndarray,
     per_pixel: np.float32,
-    uniqueness: np.float32,
+    rating: Rating,
     reliability: np.ndarray,
 ) -> None:
     """Reliability of one row by its costs: texture, distance of the second minimum, left-right agreement."""
@@ -169,11 +192,29 @@ def _clarity(
         cost = np.float32(here[x]) * per_pixel
         valley = np.float32(0.5) * (np.float32(lower[x]) + np.float32(higher[x])) * per_pixel - cost
         floor = cost + GREY_NOISE
-        clear = (np.float32(rival[x]) * per_pixel - cost) / (floor * uniqueness)
+        clear = (np.float32(rival[x]) * per_pixel - cost) / (floor * rating.uniqueness)
         shared = min(max((np.float32(mutual[x]) * per_pixel + GREY_NOISE) / floor, zero), one)
         texture = min(max(valley / SHARPNESS, zero), one)
         clear = RIVAL_SHARE + (one - RIVAL_SHARE) * min(max(clear, zero), one)
         reliability[x] = texture * clear * shared * shared
+
+
+@njit(cache=True, error_model="numpy")
+def _spread(
+    lower: np.ndarray,
+    here: np.ndarray,
+    higher: np.ndarray,
+    per_pixel: np.float32,
+    rating: Rating,
+    sigma: np.ndarray,
+) -> None:
+    """Standard deviation of one row, px: it grows with the ratio of the remaining cost to the slope."""
+    for x in range(sigma.size):
+        cost = np.float32(here[x]) * per_pixel
+        ends = (np.float32(lower[x]) + np.float32(higher[x])) * per_pixel
+        valley = max(np.float32(0.5) * ends - cost, np.float32(0.01))
+        blur = rating.sigma_per_blur * (cost + GREY_NOISE) / valley
+        sigma[x] = min(rating.sigma_px + blur, MOST_SIGMA_PX)
 
 
 @njit(cache=True, error_model="numpy")
@@ -187,3 +228,48 @@ def _agreement(
         agree = min(max((np.float32(votes[x]) - FEW_VOTES) * scale, zero), one)
         valid = (disparity[x] >= LEAST_PX) & (disparity[x] <= columns[x])
         reliability[x] = reliability[x] * agree * agree if valid else zero
+
+
+@njit(cache=True)
+def in_bytes(reliability: np.ndarray, out: np.ndarray) -> None:
+    """Reliability (h, w) in 255ths, rounded, uint8."""
+    for y in range(out.shape[0]):
+        own, row = reliability[y], out[y]
+        for x in range(own.size):
+            row[x] = np.uint8(np.int32(np.float32(255.0) * own[x] + np.float32(0.5)))
+
+
+@njit(cache=True, error_model="numpy")
+def reduce_isolated(
+    reliability: np.ndarray,
+    around: np.ndarray,
+    enough: np.float32,
+    least: np.float32,
+    region: np.ndarray,
+) -> None:
+    """Multiply the reliability by that of its surroundings, as a share of `enough`, and mark where `least` remains.
+
+    Args:
+        reliability: (h, w) float32, changed.
+        around: (h, w) uint8, mean reliability around each pixel.
+        enough: Mean from which a pixel keeps all of its own.
+        least: Reliability that is marked.
+        region: (h, w) uint8, 1 where marked; other pixels stay as they are.
+    """
+    one = np.float32(1.0)
+    for y in range(reliability.shape[0]):
+        own, mean, mark = reliability[y], around[y], region[y]
+        for x in range(own.size):
+            own[x] *= min(np.float32(mean[x]) / enough, one)
+        for x in range(own.size):
+            mark[x] |= np.uint8(own[x] >= least)
+
+
+@njit(cache=True)
+def reduce_outside(reliability: np.ndarray, inside: np.ndarray, share: np.float32) -> None:
+    """Multiply the reliability (h, w) by `share` where `inside` (h, w) uint8 is 0."""
+    one = np.float32(1.0)
+    for y in range(reliability.shape[0]):
+        own, kept = reliability[y], inside[y]
+        for x in range(own.size):
+            own[x] *= one if kept[x] != 0 else share

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float32, Int16
 
-from ._block_matching_kernels import NEVER, SIDE
+from ._stereo_trust_kernels import NEVER, SIDE
 
 SHARPNESS = 2.0  # ours: s_0, grey levels per pixel; largest area under the ROC curve on other faces than 003-E2's
 MEASURED = Int16[np.ndarray, "h 5 w"]

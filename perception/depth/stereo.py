@@ -4,7 +4,7 @@ Our block matcher or one of OpenCV's finds the disparity; all are rated alike, b
 neighbourhood. A disparity is reliable if the minimum of its cost is sharp (texture), no other minimum is nearly
 as low (uniqueness), the matched pixel of the right image has no better match (occlusion), neighbouring
 pixels have the same disparity (mismatches scatter), and its surroundings are reliable too (a block beside a lone edge
-carries the edge's disparity to a surface without texture, `_without_rims`). The neighbours are by far the strongest
+carries the edge's disparity to a surface without texture, `_reduce_rims`). The neighbours are by far the strongest
 criterion.
 
 The standard deviation of a disparity grows with the ratio of the remaining cost to the slope of the minimum.
@@ -22,14 +22,14 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Float32, UInt8
 
 from ..primitives.errors import ConfigError, InputError
 from ..primitives.frame import Depth, StereoView
 from ..primitives.settings import setting
 from . import _stereo_trust_kernels as kernels
 from . import published_stereo
-from ._block_matching_kernels import SIDE
+from ._stereo_trust_kernels import SIDE
 from .block_matching import GRADIENT_LIMIT, match
 from .rectification import check_baseline
 
@@ -142,28 +142,24 @@ def disparity(view: StereoView, config: StereoConfig | None = None) -> Disparity
     _check(view)
     steps = searched(view, config)
     given = None if config.method == "block" else _opencv(view, config.method, steps)
-    matches = match(view.left, view.right, steps, given, config.subpixel)
-    found = matches.disparity_px
-    reliability, sigma = np.empty_like(found), np.empty_like(found)
     spread = SGBM_SIGMAS if config.method == "sgbm" else 1.0
-    kernels.trust(
-        found,
-        matches.costs,
-        kernels.support(found),
+    rating = kernels.Rating(
         np.float32(config.uniqueness),
         np.float32(config.sigma_px * spread),
         np.float32(SIGMA_PER_BLUR * spread),
-        reliability,
-        sigma,
     )
-    known = np.isfinite(found)
-    if config.reliability == "seed":
+    parabola, seed = config.subpixel == "parabola", config.reliability == "seed"
+    matches = match(view.left, view.right, steps, rating, given, keep_costs=parabola or seed)
+    found, reliability, sigma = matches.disparity_px, matches.reliability, matches.sigma_px
+    if parabola and given is None:
+        found = published_stereo.parabola(matches.best, matches.costs)
+    missing = np.empty(found.shape, np.uint8)
+    kernels.agree(found, reliability, sigma, missing)
+    if seed:
         by_costs = published_stereo.reliability(matches.costs, config.uniqueness)
-        return Disparity(found, np.where(known, by_costs, np.float32(0.0)), sigma)
-    del (
-        matches
-    )  # its memory serves the next steps; giving it back and getting new takes as long as they
-    return Disparity(found, _without_rims(reliability, known, config.least_reliability), sigma)
+        return Disparity(found, np.where(missing, np.float32(0.0), by_costs), sigma)
+    _reduce_rims(reliability, missing, config.least_reliability)
+    return Disparity(found, reliability, sigma)
 
 
 def searched(view: StereoView, config: StereoConfig) -> int:
@@ -172,24 +168,26 @@ def searched(view: StereoView, config: StereoConfig) -> int:
     return max(16, 16 * math.ceil(reach / 16.0))
 
 
-def _without_rims(
-    reliability: Float32[np.ndarray, "h w"], found: Bool[np.ndarray, "h w"], least: float
-) -> Float32[np.ndarray, "h w"]:
-    """Reliability reduced where the surroundings are unreliable, and below `least` on the rims of reliable regions.
+def _reduce_rims(
+    reliability: Float32[np.ndarray, "h w"], missing: UInt8[np.ndarray, "h w"], least: float
+) -> None:
+    """Reduce the reliability in unreliable surroundings, and to below `least` on the rims of reliable regions.
 
     A block that sees the edge of a thing carries its disparity half a block too far, on to a surface behind it. With
     texture there, the surface's own disparity wins and is as reliable; without, the region ends in a wrong rim. It does not
-    end where no block has a `found` disparity, as at the image border.
+    end where no block has a disparity, as at the image border: there `missing` is 1.
     """
-    around = cv2.blur(reliability, (AROUND_PX, AROUND_PX), borderType=cv2.BORDER_REFLECT)
-    np.minimum(np.divide(around, np.float32(AROUND), out=around), np.float32(1.0), out=around)
-    reduced = np.multiply(reliability, around, out=around)
+    around = np.empty(reliability.shape, np.uint8)  # in 255ths
+    kernels.in_bytes(reliability, around)
+    cv2.blur(around, (AROUND_PX, AROUND_PX), dst=around, borderType=cv2.BORDER_REFLECT)
     block = np.ones((SIDE, SIDE), np.uint8)
-    beyond = cv2.morphologyEx((~found).astype(np.uint8), cv2.MORPH_OPEN, block)
-    region = beyond | (reduced >= np.float32(max(least, 1e-6)))
-    region = cv2.morphologyEx(region, cv2.MORPH_CLOSE, np.ones((HOLES_PX, HOLES_PX), np.uint8))
-    inside = cv2.erode(region, block).view(np.bool_)
-    return np.multiply(reduced, np.float32(0.5 * least), out=reduced, where=~inside)
+    region = cv2.morphologyEx(missing, cv2.MORPH_OPEN, block, dst=missing)
+    kernels.reduce_isolated(
+        reliability, around, np.float32(255.0 * AROUND), np.float32(max(least, 1e-6)), region
+    )
+    holes = np.ones((HOLES_PX, HOLES_PX), np.uint8)
+    region = cv2.erode(cv2.morphologyEx(region, cv2.MORPH_CLOSE, holes, dst=region), block)
+    kernels.reduce_outside(reliability, np.asarray(region), np.float32(0.5 * least))
 
 
 def depth(view: StereoView, config: StereoConfig | None = None) -> Depth:

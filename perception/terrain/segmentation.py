@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int16
 
-from ..depth._block_matching_kernels import SIDE
+from ..depth._stereo_trust_kernels import SIDE
 from ..depth.points import Points
 from ..depth.reach import ReachConfig
 from ..floor.choose import FloorConfig, explains, thinned

@@ -6,10 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
+from perception.depth._stereo_trust_kernels import Rating
 from perception.depth.block_matching import GRADIENT_LIMIT, match
 from perception.primitives.errors import ConfigError
 
 NEVER = 32767
+RATING = Rating(np.float32(0.15), np.float32(0.12), np.float32(0.035))
 
 
 def gradients(image, radius):
@@ -41,7 +43,7 @@ def images(seed=0, shape=(26, 70)):
 
 def test_disparity_and_costs_equal_those_of_direct_block_sums():
     left, right = images()
-    found = match(left, right, 16)
+    found = match(left, right, 16, RATING, keep_costs=True)
     costs = volume(left, right, 16)
     best = costs.argmin(axis=0)  # the first of equals
     rows, columns = np.indices(left.shape)
@@ -60,9 +62,17 @@ def test_disparity_and_costs_equal_those_of_direct_block_sums():
     np.testing.assert_array_less(np.abs(found.disparity_px - best), 0.5 + 1e-6)
 
 
+def test_the_result_is_the_same_whether_costs_are_kept_or_not():
+    left, right = images(seed=1)
+    kept, lean = (match(left, right, 16, RATING, keep_costs=keep) for keep in (True, False))
+    for one in ("disparity_px", "reliability", "sigma_px"):
+        np.testing.assert_array_equal(getattr(kept, one), getattr(lean, one))
+    np.testing.assert_array_equal(lean.costs[0], kept.costs[-1])
+
+
 def test_the_sub_pixel_part_is_the_tip_of_a_v_through_three_costs():
     left, right = images()
-    found = match(left, right, 16)
+    found = match(left, right, 16, RATING, keep_costs=True)
     lower, here, higher = (found.costs[:, k].astype(np.float64) for k in range(3))
     inside = (lower < NEVER) & (higher < NEVER) & (np.maximum(lower, higher) > here + 1)
     arm = np.maximum(lower, higher) - here  # both arms of the V are as steep as the steeper one
@@ -76,7 +86,7 @@ def test_given_disparities_are_evaluated_at_their_own_values():
     costs = volume(left, right, 16)
     given = np.full(left.shape, 5.3, dtype=np.float32)
     given[3, 3] = np.nan
-    judged = match(left, right, 16, given)
+    judged = match(left, right, 16, RATING, given, keep_costs=True)
     np.testing.assert_array_equal(judged.costs[:, 1, 5:], costs[5, :, 5:])
     assert judged.costs[3, 1, 3] == costs[0, 3, 3]
     assert judged.disparity_px is given
@@ -84,7 +94,7 @@ def test_given_disparities_are_evaluated_at_their_own_values():
 
 def test_a_search_range_beyond_the_image_ends_at_its_width():
     left, right = images(shape=(12, 20))
-    found = match(left, right, 128)
+    found = match(left, right, 128, RATING)
     assert found.disparity_px.shape == (12, 20)
     assert np.all(found.disparity_px <= np.arange(20) + 0.5)
 
@@ -92,6 +102,6 @@ def test_a_search_range_beyond_the_image_ends_at_its_width():
 def test_invalid_input_is_refused_with_a_message():
     left, right = images()
     with pytest.raises(ConfigError, match="disparities=0"):
-        match(left, right, 0)
+        match(left, right, 0, RATING)
     with pytest.raises(ConfigError, match="6 px wide are too small"):
-        match(left[:, :6], right[:, :6], 16)
+        match(left[:, :6], right[:, :6], 16, RATING)

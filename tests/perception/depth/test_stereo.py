@@ -16,6 +16,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.frame import StereoView
 
+RATING = kernels.Rating(np.float32(0.15), np.float32(0.12), np.float32(0.035))
 CAMERA = Camera(320, 240, 277.0, 277.0, 159.5, 119.5)
 BASELINE_M = 0.08
 
@@ -118,8 +119,8 @@ def test_votes_equal_those_of_a_direct_count():
 
 def test_given_disparities_get_the_same_costs_as_searched_ones():
     view = pair(RAMP)
-    own = match(view.left, view.right, 48)
-    judged = match(view.left, view.right, 48, given=own.disparity_px)
+    own = match(view.left, view.right, 48, RATING, keep_costs=True)
+    judged = match(view.left, view.right, 48, RATING, own.disparity_px, keep_costs=True)
     same = np.rint(own.disparity_px) == np.rint(own.disparity_px - 1e-3)  # not half-way between two
     agree = judged.costs.transpose(0, 2, 1)[same] == own.costs.transpose(0, 2, 1)[same]
     assert np.mean(agree.all(axis=1)) > 0.95  # the sub-pixel part may reach the next disparity
