@@ -199,7 +199,9 @@ def mark(
     else:
         low = _hue_plane(colours.hue_deg - colours.hue_half_deg, 1.0)
         high = _hue_plane(colours.hue_deg + colours.hue_half_deg, -1.0)
-    kernels.mark_range(*cv2.split(rgb), limits, low, high, mask)
+    planes = np.empty((3, *mask.shape), np.uint8)
+    cv2.split(rgb, list(planes))  # without an output OpenCV copies each once more
+    kernels.mark_range(*planes, limits, low, high, mask)
 
 
 def _warmth_plane(warmth: float, side: float) -> kernels.Normal:

@@ -80,14 +80,17 @@ def find_edges(ground: UInt8[np.ndarray, "h w"]) -> Edges:
     parent, order = np.empty(count, np.int32), np.empty(count, np.int32)
     start = np.empty(width + 1, np.int32)
     kernels.group_edges(columns, rows, width, REACH_PX, parent, start, order)
-    lowest = []
     by_column = np.lexsort((rows, columns, parent))
-    bounds = np.flatnonzero(np.diff(parent[by_column])) + 1
-    for members in np.split(by_column, bounds) if count else []:
-        u, v = columns[members], rows[members]
-        last = np.append(np.flatnonzero(np.diff(u)), len(u) - 1)
-        if len(last) >= MIN_COLUMNS:
-            lowest.append((int(parent[members[0]]), np.stack([u[last], v[last]], axis=1)))
+    group, column = parent[by_column], columns[by_column]
+    ends = np.ones(count, dtype=bool)  # of a column of a group
+    ends[:-1] = (group[1:] != group[:-1]) | (column[1:] != column[:-1])
+    last = by_column[ends]
+    bounds = np.flatnonzero(np.diff(parent[last])) + 1
+    lowest = [
+        (int(parent[members[0]]), np.stack([columns[members], rows[members]], axis=1))
+        for members in np.split(last, bounds)
+        if len(members) >= MIN_COLUMNS
+    ]
     lowest.sort(key=lambda found: (float(found[1][:, 0].mean()), found[0]))
     labels = np.full(count, -1, np.int32)
     relabel = np.full(count, -1, np.int32)

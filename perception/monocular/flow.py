@@ -15,6 +15,7 @@ covariance: Förstner and Gülch 1987.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -40,6 +41,9 @@ FLATTEST = 100.0  # grey levels^2: 4.5 px, where there is hardly any slope
 Tracks = tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]
 """Pixels (u, v) in the previous and in the current picture of the corners that pass the forward-backward check."""
 
+Window = tuple[slice, slice]
+"""Rows and columns of a part of a picture."""
+
 
 def track_corners(
     previous: Picture,
@@ -62,18 +66,23 @@ def track_corners(
     rows = np.flatnonzero(beside.any(axis=1))
     if not len(rows):
         return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 2, 2))
-    first, second = (cv2.cvtColor(one.rgb, cv2.COLOR_RGB2GRAY) for one in (previous, current))
-    tone = np.full_like(first, _mean(first, ground_previous))
-    cv2.copyTo(tone, ground_previous, first)
-    cv2.copyTo(tone, ground_current, second)
-    margin = WINDOW_PX * 2 ** (LEVELS - 1)
-    top = max(int(rows[0]) - margin // 2, 0)
-    bottom = int(rows[-1]) + 1 + margin // 2
-    part = np.ascontiguousarray(_halved(first)[top:bottom])
-    corners = _corners(part, beside[top:bottom], MAX_CORNERS, MIN_DISTANCE_PX / 2)
-    begin = 2.0 * (corners + np.array([0.0, top])) + 0.5
-    begin, end = _tracked(first, second, begin, previous, current)
-    return begin, end, corner_covariances(first, begin)
+    margin = WINDOW_PX // 4 + 1  # at half resolution: what the covariances look at
+    band = slice(max(int(rows[0]) - margin, 0), int(rows[-1]) + 1 + margin)
+    part = np.s_[2 * band.start : 2 * band.stop, :]
+    first = _grey(previous, part)
+    tone = _mean(first, ground_previous[part])
+    _paint(first, ground_previous[part], tone)
+    corners = _corners(_halved(first), beside[band], MAX_CORNERS, MIN_DISTANCE_PX / 2)
+    above = np.array([0.0, 2.0 * band.start])
+
+    def painted(picture: Picture, window: Window) -> UInt8[np.ndarray, "h w"]:
+        grey = _grey(picture, window)
+        ground = ground_previous if picture is previous else ground_current
+        _paint(grey, ground[window], tone)
+        return grey
+
+    begin, end = _tracked(2.0 * corners + 0.5 + above, previous, current, painted)
+    return begin, end, corner_covariances(first, begin - above)
 
 
 def corner_covariances(
@@ -105,12 +114,11 @@ def track_floor(
     previous: Picture, current: Picture, ground_previous: UInt8[np.ndarray, "h w"]
 ) -> Tracks:
     """Corners of the floor's texture, away from what stands on it, tracked into the current picture."""
-    first, second = (cv2.cvtColor(one.rgb, cv2.COLOR_RGB2GRAY) for one in (previous, current))
-    half = _halved(first)
+    half = _halved(_grey(previous, np.s_[:, :]))
     floor = cv2.resize(ground_previous, half.shape[::-1], interpolation=cv2.INTER_NEAREST)
     floor = cv2.erode(floor, np.ones((WINDOW_PX // 2, WINDOW_PX // 2), np.uint8))
     corners = _corners(half, np.asarray(floor), FLOOR_CORNERS, FLOOR_DISTANCE_PX / 2)
-    return _tracked(first, second, 2.0 * corners + 0.5, previous, current)
+    return _tracked(2.0 * corners + 0.5, previous, current, _grey)
 
 
 def _corners(
@@ -130,30 +138,45 @@ def _corners(
 
 
 def _tracked(
-    first: np.ndarray, second: np.ndarray, begin: np.ndarray, previous: Picture, current: Picture
+    begin: np.ndarray,
+    previous: Picture,
+    current: Picture,
+    grey: Callable[[Picture, Window], UInt8[np.ndarray, "h w"]],
 ) -> Tracks:
-    """Tracks of the corners that are found again."""
+    """Tracks of the corners that are found again in the grey parts of both pictures."""
     if not len(begin):
         return np.zeros((0, 2)), np.zeros((0, 2))
     guess = _moved(begin, previous, current)
-    rows = _rows_around(np.concatenate([begin[:, 1], guess[:, 1]]), len(first))
-    off = np.array([0.0, rows.start], np.float32)
-    first, second, start = first[rows], second[rows], begin.astype(np.float32) - off
+    window = _window_around(np.concatenate([begin, guess]), previous.rgb.shape)
+    off = np.array([window[1].start, window[0].start], np.float32)
+    first, second, start = grey(previous, window), grey(current, window), begin - off
+    start = start.astype(np.float32)
     end, found = _lucas_kanade(first, second, start, guess - off)
     back, returned = _lucas_kanade(second, first, end, start)
     good = found & returned & (np.hypot(*(back - start).T) <= MAX_RETURN_PX)
     return begin[good], (end[good] + off).astype(np.float64)
 
 
-def _rows_around(v: np.ndarray, height: int) -> slice:
-    """Rows of a picture in which corners at these are tracked as in all of it, but for those that leave them.
+def _window_around(pixels: np.ndarray, shape: tuple[int, ...]) -> Window:
+    """Part of a picture in which corners at these pixels (u, v) are tracked as in all of it, but for those that leave it.
 
-    They begin at a pixel of the highest level of the pyramid.
+    It begins at a pixel of the highest level of the pyramid.
     """
     whole = 2 ** (LEVELS - 1)
     margin = WINDOW_PX * whole
-    first, last = np.clip([v.min() - margin, v.max() + margin], 0.0, height - 1.0)
-    return slice(int(first) // whole * whole, int(last) + 1)
+    most = np.array([shape[1], shape[0]]) - 1.0
+    first = np.clip(pixels.min(axis=0) - margin, 0.0, most).astype(int) // whole * whole
+    last = np.clip(pixels.max(axis=0) + margin, 0.0, most).astype(int)
+    return slice(first[1], last[1] + 1), slice(first[0], last[0] + 1)
+
+
+def _grey(picture: Picture, window: Window) -> UInt8[np.ndarray, "h w"]:
+    return np.asarray(cv2.cvtColor(picture.rgb[window], cv2.COLOR_RGB2GRAY), np.uint8)
+
+
+def _paint(grey: UInt8[np.ndarray, "h w"], mask: UInt8[np.ndarray, "h w"], tone: int) -> None:
+    """Set pixels of the mask to a tone."""
+    cv2.copyTo(np.full_like(grey, tone), mask, grey)
 
 
 def _moved(pixels: np.ndarray, previous: Picture, current: Picture) -> np.ndarray:

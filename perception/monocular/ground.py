@@ -105,17 +105,18 @@ def _fill_holes(mask: np.ndarray, picture: Picture, top: int) -> None:
     below = mask[top:]
     hollow = cv2.bitwise_not(_halved(below))
     labels, boxes, centroids = components(hollow, 4)
-    centre = 2.0 * centroids + np.array([0.5, top + 0.5])
+    x, y, w, h = boxes[:, :4].T
+    whole = (x > 0) & (x + w < hollow.shape[1]) & (y + h < hollow.shape[0])  # not cut by the border
+    whole[0] = False
+    holes = np.flatnonzero(whole)
+    centre = 2.0 * centroids[holes] + np.array([0.5, top + 0.5])
     corners = centre[:, None] + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     a, b, c = np.moveaxis(
         floor_points(corners, picture.camera, picture.T_world_camera, math.inf), 1, 0
     )
     pixel_m2 = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
-    fill = 4 * boxes[:, cv2.CC_STAT_AREA] * pixel_m2 < SPECK_M2
-    x, y, w, h = boxes[:, :4].T
-    fill &= (x > 0) & (x + w < hollow.shape[1]) & (y + h < hollow.shape[0])  # not cut by the border
-    fill[0] = False
-    for k in np.flatnonzero(fill):
+    fill = 4 * boxes[holes, cv2.CC_STAT_AREA] * pixel_m2 < SPECK_M2
+    for k in holes[fill]:
         part, area = _parts(below, labels, boxes[k], k)
         part[cv2.dilate(area, _SQUARE) > 0] = 255
 
