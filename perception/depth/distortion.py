@@ -70,16 +70,20 @@ class Distortion:
         self, z: Float[np.ndarray, "n"], sigma: Float[np.ndarray, "n"]
     ) -> Float[np.ndarray, "n k"]:
         """Relative size of every part that is not zero at depths z with noise sigma, m."""
-        sizes = ((self.offset_m, 1.0 / z), (self.share, np.ones_like(z)), (self.share_per_m, z),
-                 (self.noises, sigma / z))  # fmt: skip
-        kept = [size * growth for size, growth in sizes if size > 0.0]
+        kept = self._parts(z, sigma)
         return np.stack(kept, axis=1) if kept else np.zeros((len(z), 0))
 
     def size(
         self, z: Float[np.ndarray, "n"], sigma: Float[np.ndarray, "n"]
     ) -> Float[np.ndarray, "n"]:
         """Standard deviation of the relative error of depth at the image centre."""
-        return np.asarray(np.linalg.norm(self.parts(z, sigma), axis=1))
+        kept = self._parts(z, sigma)
+        return kept[0] if len(kept) == 1 else np.sqrt(sum((part**2 for part in kept), 0.0 * z))
+
+    def _parts(self, z: np.ndarray, sigma: np.ndarray) -> list[np.ndarray]:
+        sizes = ((self.offset_m, lambda: 1.0 / z), (self.share, lambda: np.ones_like(z)),
+                 (self.share_per_m, lambda: z), (self.noises, lambda: sigma / z))  # fmt: skip
+        return [size * growth() for size, growth in sizes if size > 0.0]
 
     def field(
         self,

@@ -15,6 +15,7 @@ from ._orientation_kernels import angles
 
 ACROSS = 4  # spatial bins along each side
 TURNS = 8  # bins of direction
+STRIDE = TURNS + 1  # of spatial bins: the last direction is the first again
 PER_BIN = 4  # samples a bin along each axis
 SIDE = (ACROSS + 1) * PER_BIN  # samples along each side of the grid
 CELL_SIGMAS = 3.0  # side of a spatial bin, in sigmas of the keypoint
@@ -109,34 +110,35 @@ def _sample(image: np.ndarray, x: float, y: float, c: float, s: float, grey: np.
 @njit(cache=True, nogil=True, fastmath=True)
 def pool(gx: np.ndarray, gy: np.ndarray, out: np.ndarray) -> None:
     """Histograms of the gradients of one grid, clipped and of unit length."""
-    angle = np.empty(SIDE * SIDE, np.float32)
-    bins = np.zeros((ACROSS + 2, ACROSS + 2, TURNS + 1), np.float32)
+    angle, weights = np.empty(SIDE * SIDE, np.float32), np.empty(SIDE * SIDE, np.float32)
+    bins = np.zeros((ACROSS + 2, (ACROSS + 2) * STRIDE), np.float32)
+    line = np.empty((ACROSS + 2) * STRIDE, np.float32)  # histograms of one row of samples
     angles(gx, gy, SIDE * SIDE, angle)
+    falls = FALL.ravel()
+    for i in range(SIDE * SIDE):
+        turn = angle[i] * np.float32(TURNS / (2.0 * math.pi))
+        angle[i] = turn + np.float32(TURNS) if turn < 0 else turn
+        weights[i] = falls[i] * np.sqrt(gx[i] * gx[i] + gy[i] * gy[i])
     for a in range(SIDE):
-        row, down = FIRST[a], SHARE[a]
+        line[:] = np.float32(0.0)
         for b in range(SIDE):
-            column, across = FIRST[b], SHARE[b]
-            i = a * SIDE + b
-            turn = angle[i] * np.float32(TURNS / (2.0 * math.pi))
-            turn = turn + np.float32(TURNS) if turn < 0 else turn
+            turn, weight, right = angle[a * SIDE + b], weights[a * SIDE + b], SHARE[b]
             first = min(int(turn), TURNS - 1)
-            weight = FALL[a, b] * np.sqrt(gx[i] * gx[i] + gy[i] * gy[i])
             later = (turn - first) * weight
             sooner = weight - later
-            upper, lower = np.float32(1.0) - down, down
-            left, right = np.float32(1.0) - across, across
-            bins[row, column, first] += upper * left * sooner
-            bins[row, column, first + 1] += upper * left * later
-            bins[row, column + 1, first] += upper * right * sooner
-            bins[row, column + 1, first + 1] += upper * right * later
-            bins[row + 1, column, first] += lower * left * sooner
-            bins[row + 1, column, first + 1] += lower * left * later
-            bins[row + 1, column + 1, first] += lower * right * sooner
-            bins[row + 1, column + 1, first + 1] += lower * right * later
+            at = FIRST[b] * STRIDE + first
+            line[at + STRIDE] += right * sooner
+            line[at + STRIDE + 1] += right * later
+            line[at] += sooner - right * sooner
+            line[at + 1] += later - right * later
+        upper, lower, down = bins[FIRST[a]], bins[FIRST[a] + 1], SHARE[a]
+        for k in range(line.size):
+            lower[k] += down * line[k]
+            upper[k] += line[k] - down * line[k]
     square = np.float32(0.0)
     for a in range(ACROSS):
         for b in range(ACROSS):
-            cell = bins[a + 1, b + 1]
+            cell = bins[a + 1, (b + 1) * STRIDE :]
             cell[0] += cell[TURNS]
             for t in range(TURNS):
                 out[(a * ACROSS + b) * TURNS + t] = cell[t]

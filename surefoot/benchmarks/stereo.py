@@ -75,42 +75,37 @@ def _texture(width: int, height: int, rng: np.random.Generator) -> Float32[np.nd
 
 
 def run() -> Comparison:
-    """Two image sizes, four search ranges; about 20 s. OpenCV runs in one thread, as ours."""
+    """Two image sizes, four search ranges; about 20 s."""
     rng = np.random.default_rng(0)
     times: dict[str, float] = {}
     ratios: list[float] = []
     whole: list[float] = []
     smooth: list[float] = []
     accuracy: dict[str, float] = {}
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        for width, height in SIZES:
-            for steps in SEARCHES:
-                view, truth = synthetic(width, height, steps, rng)
-                config = replace(stereo.StereoConfig(), most_disparity_px=steps)
-                peer = cv2.StereoBM.create(steps, BM_BLOCK_PX)
-                global_ = semi_global(steps)
-                taken = race(
-                    {
-                        "ours": partial(stereo.disparity, view, config),
-                        "stereobm": partial(peer.compute, view.left, view.right),
-                        "stereobm_all": partial(_all_columns, peer, view, steps),
-                        "sgbm": partial(global_.compute, view.left, view.right),
-                    },
-                    rounds=9,
-                )
-                name = f"{width}x{height}x{steps}"
-                times.update({f"{who}_{name}_ms": value for who, value in taken.items()})
-                ratios.append(taken["stereobm"] / taken["ours"])
-                whole.append(taken["stereobm_all"] / taken["ours"])
-                smooth.append(taken["sgbm"] / taken["ours"])
-                if (width, height, steps) == MAIN:
-                    main = ratios[-1]
-                    accuracy = wrong(view, truth, config, peer, "stereobm")
-                    accuracy |= wrong(view, truth, config, global_, "sgbm")
-    finally:
-        cv2.setNumThreads(threads)
+    for width, height in SIZES:
+        for steps in SEARCHES:
+            view, truth = synthetic(width, height, steps, rng)
+            config = replace(stereo.StereoConfig(), most_disparity_px=steps)
+            peer = cv2.StereoBM.create(steps, BM_BLOCK_PX)
+            global_ = semi_global(steps)
+            taken = race(
+                {
+                    "ours": partial(stereo.disparity, view, config),
+                    "stereobm": partial(peer.compute, view.left, view.right),
+                    "stereobm_all": partial(_all_columns, peer, view, steps),
+                    "sgbm": partial(global_.compute, view.left, view.right),
+                },
+                rounds=9,
+            )
+            name = f"{width}x{height}x{steps}"
+            times.update({f"{who}_{name}_ms": value for who, value in taken.items()})
+            ratios.append(taken["stereobm"] / taken["ours"])
+            whole.append(taken["stereobm_all"] / taken["ours"])
+            smooth.append(taken["sgbm"] / taken["ours"])
+            if (width, height, steps) == MAIN:
+                main = ratios[-1]
+                accuracy = wrong(view, truth, config, peer, "stereobm")
+                accuracy |= wrong(view, truth, config, global_, "sgbm")
     means = {
         "ratio_stereobm_640x480x64": main,
         "ratio_stereobm_geomean": mean_ratio(ratios),
