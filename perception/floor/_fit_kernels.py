@@ -81,6 +81,15 @@ def open_ground(
             is_open[i] = occupied[int(v) * PLAN + int(u)] < 2
 
 
+@njit(cache=True, nogil=True)
+def widest_slope(xyz: np.ndarray) -> float:
+    """Largest |x / z| of points (n, 3)."""
+    widest = 0.0
+    for i in range(xyz.shape[0]):
+        widest = max(widest, abs(xyz[i, 0] / xyz[i, 2]))
+    return widest
+
+
 @njit(cache=True, nogil=True, fastmath=FREE_SUMS)
 def moments(
     xyz: np.ndarray,

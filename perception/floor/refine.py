@@ -177,7 +177,7 @@ def refine(
     measured, factor = factor, max(factor, 1.0 if cells < MANY_CELLS else LEAST_FACTOR)
     J = slope_jacobian(Plane(normal, rho))
     own = J @ (factor * inverse) @ J.T
-    edge = max(float(np.max(np.abs(points.xyz[:, 0] / points.xyz[:, 2]))), LEAST_EDGE)
+    edge = max(kernels.widest_slope(points.xyz), LEAST_EDGE)
     common = J @ common_covariance(sums, inverse, change, before, slope, distortion, edge) @ J.T
     plane = Plane(normal, rho, own + common)
     among_points = Plane(normal, rho, own)

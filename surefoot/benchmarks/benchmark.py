@@ -1,4 +1,4 @@
-"""Timing of benchmarks: interleaved in one process, after a warm-up, median of the processor time.
+"""Timing of benchmarks: candidates in turn in one process, after a warm-up, median of the processor time.
 
 Absolute times vary with the load of the machine; the ratio of two interleaved medians hardly does. Beside a library
 that people use for the task, every benchmark has the hardest fair peer: the same result from the same input, in the
@@ -8,8 +8,10 @@ fastest form that we know (batched NumPy, compiled code, a warm start, the same 
 from __future__ import annotations
 
 import math
+import multiprocessing
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -126,6 +128,22 @@ def load(name: str) -> Benchmark:
     """The benchmark of a name; an InputError for an unknown name suggests the nearest."""
     found: Benchmark = registry.load("benchmark", __package__, {one: one for one in NAMES}, name)
     return found
+
+
+def measured(name: str) -> dict[str, Any]:
+    """Run a benchmark in a process of its own, as others leave memory behind that slows it, and judge it.
+
+    Raises:
+        InputError: The name is unknown.
+    """
+    load(name)
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as alone:
+        return alone.submit(_measured, name).result()
+
+
+def _measured(name: str) -> dict[str, Any]:
+    chosen = load(name)
+    return judge(chosen, chosen.run())
 
 
 def judge(benchmark: Benchmark, measured: Comparison) -> dict[str, Any]:

@@ -207,8 +207,7 @@ def bench(name: str | None, as_json: bool) -> None:
 
     passed, results = True, []
     for one in [name] if name else benchmark.names():
-        chosen = benchmark.load(one)
-        results.append(benchmark.judge(chosen, chosen.run()))
+        results.append(benchmark.measured(one))
         passed = passed and results[-1]["passed"]
         if not as_json:
             click.echo("\n".join(benchmark.lines(results[-1])))
