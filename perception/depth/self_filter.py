@@ -120,10 +120,13 @@ def _fill_bent(
     rim = (corners[:, None] + steps[:, None] * np.linspace(0, 1, PIECES)[:, None]).reshape(-1, 2)
     pixels = camera.project(np.column_stack([rim, np.ones(len(rim))]))
     wide = math.ceil(grown_px)
-    padded = np.zeros((camera.height + 2 * wide, camera.width + 2 * wide), np.uint8)
-    cv2.fillPoly(padded, [np.rint(pixels + wide).astype(np.int32)], 1)
+    pad = (
+        wide + 1
+    )  # OpenCV cuts lines at whole pixels of the border, and so draws them there a pixel off
+    padded = np.zeros((camera.height + 2 * pad, camera.width + 2 * pad), np.uint8)
+    cv2.fillPoly(padded, [np.rint(pixels + pad).astype(np.int32)], 1)
     grown = cv2.dilate(padded, np.ones((2 * wide + 1, 2 * wide + 1), np.uint8))
-    mask |= grown[wide:-wide, wide:-wide]
+    mask |= grown[pad:-pad, pad:-pad]
 
 
 @cache
