@@ -17,7 +17,7 @@ from functools import cache
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from ..primitives.camera import Camera
 from ..primitives.frame import ColourView, Depth
@@ -32,7 +32,7 @@ PIECES = 33  # ours: of an edge; straight to 0.1 px in an image 640 px wide
 BESIDE = 1.1
 """Ours: parts of the body are drawn to this multiple of the image's border, since their blur reaches into it."""
 INSIDE = 1.0 - 1e-6  # ours: single precision stays within the largest slope
-FIELD_CORNERS = 128  # ours: the circle to 0.03 %
+FIELD_CORNERS = 128  # ours: of the circle of what a lens shows, to 0.03 %
 CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
@@ -111,11 +111,10 @@ def _fill_bent(
         camera: Intrinsics.
         grown_px: Width by which the picture grows.
     """
-    hull = cv2.convexHull((points[:, :2] / points[:, 2:]).astype(np.float32))
-    _, seen = cv2.intersectConvexConvex(hull, _field(camera))
-    if seen is None:
+    hull = cv2.convexHull((points[:, :2] / points[:, 2:]).astype(np.float32))[:, 0]
+    corners = _within(hull.astype(np.float64), _field(camera))
+    if not len(corners):
         return
-    corners = seen[:, 0].astype(np.float64)
     steps = np.roll(corners, -1, axis=0) - corners
     rim = (corners[:, None] + steps[:, None] * np.linspace(0, 1, PIECES)[:, None]).reshape(-1, 2)
     pixels = camera.project(np.column_stack([rim, np.ones(len(rim))]))
@@ -130,13 +129,29 @@ def _fill_bent(
 
 
 @cache
-def _field(camera: Camera) -> Float32[np.ndarray, "k 1 2"]:
-    """A convex polygon of ray slopes x/z, y/z around all that a lens with distortion shows."""
+def _field(camera: Camera) -> float:
+    """Radius of a circle of ray slopes x/z, y/z around all that a lens with distortion shows."""
     x, y = camera.slopes
-    radius = min(camera.largest_slope, BESIDE * float(np.nanmax(np.hypot(x, y))))
+    return min(camera.largest_slope, BESIDE * float(np.nanmax(np.hypot(x, y)))) * INSIDE
+
+
+def _within(polygon: Float[np.ndarray, "n 2"], radius: float) -> Float[np.ndarray, "m 2"]:
+    """Corners of the part of a convex polygon within a circle around 0: the hull of what each has inside the other."""
+    steps = np.roll(polygon, -1, axis=0) - polygon
+    a, b = np.sum(steps**2, axis=1), np.sum(polygon * steps, axis=1)
+    root = b**2 - a * (np.sum(polygon**2, axis=1) - radius**2)
+    meets = (root > 0.0) & (a > 0.0)
+    start, step, a, b = polygon[meets], steps[meets], a[meets, None], b[meets, None]
+    share = np.clip((-b + np.array([-1.0, 1.0]) * np.sqrt(root[meets])[:, None]) / a, 0.0, 1.0)
+    inside = share[:, 0] < share[:, 1]
+    ends = start[inside, None] + share[inside][..., None] * step[inside, None]
     angles = np.linspace(0, math.tau, FIELD_CORNERS, endpoint=False)
-    circle = radius * INSIDE * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    return circle[:, None].astype(np.float32)
+    circle = radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    away = circle[:, None] - polygon
+    turn = steps[:, 0] * away[..., 1] - steps[:, 1] * away[..., 0]
+    covered = (turn >= 0.0).all(axis=1) | (turn <= 0.0).all(axis=1)
+    both = np.concatenate([ends.reshape(-1, 2), circle[covered]]).astype(np.float32)
+    return cv2.convexHull(both)[:, 0].astype(np.float64) if len(both) else both.astype(np.float64)
 
 
 def _sides(camera: Camera, mixed_px: float) -> Float[np.ndarray, "4 3"]:

@@ -158,6 +158,7 @@ def test_other_joints_than_the_body_has_are_refused():
     ],
 )  # fmt: skip
 @example(0.0625, 0.0, 0.875, 1.0, CUBE * (6.0, 0.5, 0.5))  # a tip between pixels
+@example(0.9032268, -0.7425523, 0.58382803, 0.742027, CUBE * (1.0, 8.0, 0.5))  # beside the view
 @example(0.4375, 0.28125, 1.0, -1.1875, CUBE * (1.0, 8.0, 0.5))  # its near side behind the lens
 @given(
     st.floats(0.02, 1.5), st.floats(-0.8, 0.8), st.floats(0.4, 1.6),
