@@ -33,6 +33,16 @@ def test_the_middle_lies_between_both_sides(middle_m):
     assert middle.offset_m == pytest.approx(middle_m, abs=0.001)
 
 
+def test_a_side_of_which_only_the_front_is_seen_counts_by_its_edge():
+    rng = np.random.default_rng(3)
+    middle = GapCentre(0.24)
+    for _ in range(12):
+        seen = sides(rng, 0.12, -0.12)
+        inner_face = (seen[:, 1] > 0.0) & (seen[:, 0] > FRONT_M + 0.01)
+        assert middle.look(seen[~inner_face])
+    assert middle.offset_m == pytest.approx(0.0, abs=0.004)
+
+
 def test_the_standard_deviation_is_consistent_with_random_headings():
     rng = np.random.default_rng(1)
     squares = []
