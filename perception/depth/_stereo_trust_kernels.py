@@ -79,10 +79,10 @@ def agree(
     """
     height, width = disparity.shape
     columns = np.arange(width).astype(np.float32)
-    sixteenths = _sixteenths(disparity)
+    sixteenths = in_sixteenths(disparity)
     votes = np.empty(width, np.int16)
     for y in range(height):
-        _votes(sixteenths, y, votes)
+        count_votes(sixteenths, y, votes)
         found, own, spread, none = disparity[y], reliability[y], sigma[y], missing[y]
         _agreement(votes, found, columns, own)
         for x in range(width):
@@ -95,28 +95,11 @@ def agree(
 
 
 @njit(cache=True, error_model="numpy")
-def support(disparity: np.ndarray) -> np.ndarray:
-    """Votes of 48 neighbours that agree with a pixel: 24 within 4 px with three votes each, 24 within 10 px.
+def in_sixteenths(disparity: np.ndarray) -> np.ndarray:
+    """Disparity (h, w) float32 in sixteenths of a pixel, int16, with its border repeated `REACH` px outward.
 
-    Neighbours agree if their disparities differ by at most `SAME_PX`, the far ones by 1.5 times as much; two on opposite
-    sides also if their mean does, so that a slanted surface supports itself.
-
-    Args:
-        disparity: (h, w) float32; NaN, below `LEAST_PX`, or beyond the left border: no disparity.
-
-    Returns:
-        (h, w) int16 in [0, 96]; border pixels stand for neighbours outside the image.
+    `NO_DISPARITY` where it is NaN, below `LEAST_PX`, or beyond the left border.
     """
-    sixteenths = _sixteenths(disparity)
-    votes = np.empty(disparity.shape, np.int16)
-    for y in range(len(votes)):
-        _votes(sixteenths, y, votes[y])
-    return votes
-
-
-@njit(cache=True, error_model="numpy")
-def _sixteenths(disparity: np.ndarray) -> np.ndarray:
-    """Disparity in sixteenths of a pixel, int16, with its border repeated `REACH` px outward."""
     height, width = disparity.shape
     sixteenths = np.empty((height + 2 * REACH, width + 2 * REACH), np.int16)
     for y in range(height):
@@ -135,8 +118,17 @@ def _sixteenths(disparity: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, error_model="numpy")
-def _votes(sixteenths: np.ndarray, y: int, count: np.ndarray) -> None:
-    """Votes for the pixels of row `y`."""
+def count_votes(sixteenths: np.ndarray, y: int, count: np.ndarray) -> None:
+    """Votes for the pixels of row `y`, in [0, 96], by 48 neighbours: 24 within 4 px with three votes each, 24 within 10 px.
+
+    Neighbours agree if their disparities differ by at most `SAME_PX`, the far ones by 1.5 times as much; two on opposite
+    sides also if their mean does, so that a slanted surface supports itself.
+
+    Args:
+        sixteenths: From `in_sixteenths`.
+        y: The row.
+        count: (w,) int16, written.
+    """
     near, far = np.int16(16.0 * SAME_PX), np.int16(24.0 * SAME_PX)
     middle = sixteenths[y + REACH, REACH:]
     count[:] = 0

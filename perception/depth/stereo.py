@@ -175,7 +175,7 @@ def _reduce_rims(
 
     A block that sees the edge of a thing carries its disparity half a block too far, on to a surface behind it. With
     texture there, the surface's own disparity wins and is as reliable; without, the region ends in a wrong rim. It does not
-    end where no block has a disparity, as at the image border: there `missing` is 1.
+    end where no block has a disparity, as at the image border: there `missing` is 1; it is overwritten.
     """
     around = np.empty(reliability.shape, np.uint8)  # in 255ths
     kernels.in_bytes(reliability, around)

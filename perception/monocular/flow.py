@@ -114,11 +114,16 @@ def track_floor(
     previous: Picture, current: Picture, ground_previous: UInt8[np.ndarray, "h w"]
 ) -> Tracks:
     """Corners of the floor's texture, away from what stands on it, tracked into the current picture."""
-    half = _halved(_grey(previous, np.s_[:, :]))
+    first = _grey(previous, np.s_[:, :])
+    half = _halved(first)
     floor = cv2.resize(ground_previous, half.shape[::-1], interpolation=cv2.INTER_NEAREST)
     floor = cv2.erode(floor, np.ones((WINDOW_PX // 2, WINDOW_PX // 2), np.uint8))
     corners = _corners(half, np.asarray(floor), FLOOR_CORNERS, FLOOR_DISTANCE_PX / 2)
-    return _tracked(2.0 * corners + 0.5, previous, current, _grey)
+
+    def grey(picture: Picture, window: Window) -> UInt8[np.ndarray, "h w"]:
+        return first[window] if picture is previous else _grey(picture, window)
+
+    return _tracked(2.0 * corners + 0.5, previous, current, grey)
 
 
 def _corners(
@@ -171,6 +176,7 @@ def _window_around(pixels: np.ndarray, shape: tuple[int, ...]) -> Window:
 
 
 def _grey(picture: Picture, window: Window) -> UInt8[np.ndarray, "h w"]:
+    """Grey levels of a part of a picture."""
     return np.asarray(cv2.cvtColor(picture.rgb[window], cv2.COLOR_RGB2GRAY), np.uint8)
 
 

@@ -32,14 +32,14 @@ def at(x, y, z, angle=0.0):
     return JointReading(Pose3((x, y, z)), (angle,))
 
 
-def met(own, joints, camera, pose):
-    """Pixels whose ray meets the cube of the body."""
-    found = meets(own, joints, camera.rays.reshape(-1, 3), pose)
+def met(own, joints, camera, pose, near_m=0.0):
+    """Pixels whose ray meets the cube of the body beyond a distance from the plane of the lens."""
+    found = meets(own, joints, camera.rays.reshape(-1, 3), pose, near_m)
     return found.reshape(camera.height, camera.width)
 
 
-def meets(own, joints, rays, pose):
-    """Whether rays (n, 3) of depth 1 meet the cube beyond the near plane, by the slabs of a box in its own frame."""
+def meets(own, joints, rays, pose, near_m):
+    """The same of rays (n, 3) of depth 1, by the slabs of a box in its own frame."""
     (angle,) = joints.angles
     turn = np.array([[math.cos(angle), math.sin(angle), 0], [-math.sin(angle), math.cos(angle), 0], [0, 0, 1]])  # fmt: skip
     rays = rays @ pose.rotation.T @ turn.T
@@ -48,7 +48,7 @@ def meets(own, joints, rays, pose):
     with np.errstate(divide="ignore", invalid="ignore"):
         one, other = (low - eye) / rays, (high - eye) / rays
     enter, leave = np.minimum(one, other).max(axis=1), np.maximum(one, other).min(axis=1)
-    return (enter <= leave) & (leave > NEAR_M)
+    return (enter <= leave) & (leave > near_m)
 
 
 def beyond_rim(mask, own, joints, camera, pose):
@@ -59,13 +59,13 @@ def beyond_rim(mask, own, joints, camera, pose):
     larger = replace(
         camera, width=camera.width + 4, height=camera.height + 4, cx=camera.cx + 2, cy=camera.cy + 2
     )
-    truth = met(own, joints, larger, pose).astype(np.uint8)
+    truth = met(own, joints, larger, pose, NEAR_M).astype(np.uint8)
     doubtful = mask & (cv2.dilate(truth, RIM)[2:-2, 2:-2] == 0)
     around = np.stack(np.meshgrid(*[np.linspace(-2.5, 2.5, 81)] * 2), axis=-1).reshape(-1, 2)
     far = 0
     for v, u in np.argwhere(doubtful):
         rays = camera.back_project(np.array([u, v]) + around, np.ones(len(around)))
-        far += not meets(own, joints, rays, pose).any()
+        far += not meets(own, joints, rays, pose, NEAR_M).any()
     return far
 
 
@@ -168,7 +168,7 @@ def test_a_lens_with_distortion_loses_what_the_body_covers_and_little_more(
     lens, x, y, z, angle, corners
 ):
     own, joints = body(corners=corners), at(x, y, z, angle)
-    truth = met(own, joints, lens, AHEAD)
+    truth = met(own, joints, lens, AHEAD, NEAR_M)  # what is nearer is not in the picture
     mask = silhouette(own, joints, lens, AHEAD, 0.0)
     assert not (truth & ~mask).any()
     assert beyond_rim(mask, own, joints, lens, AHEAD) == 0

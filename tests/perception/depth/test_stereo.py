@@ -113,7 +113,9 @@ def test_votes_equal_those_of_a_direct_count():
                 slanted &= np.abs(other - opposite) <= 32 * step  # half a pixel per pixel
                 agrees = (np.abs(other) <= limit) | slanted
                 expected += weight * agrees * (i != 0 or j != 0)
-    votes = kernels.support(drawn)
+    sixteenths, votes = kernels.in_sixteenths(drawn), np.empty(drawn.shape, np.int16)
+    for y, row in enumerate(votes):
+        kernels.count_votes(sixteenths, y, row)
     np.testing.assert_array_equal(votes, expected)
 
 
