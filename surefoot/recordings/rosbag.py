@@ -236,6 +236,7 @@ class RosbagRecording:
                 check_files(self._path)
                 store = get_typestore(Stores.ROS2_HUMBLE)
                 reader = stack.enter_context(AnyReader([self._path], default_typestore=store))
+                check_counts(reader)
             except Exception as error:
                 cut = "; the file is cut: `mcap recover FILE -o NEW` mends it"
                 raise RecordingError(
@@ -278,6 +279,13 @@ def check_metadata(path: Path) -> None:
         depth += 1 if mark in b"[{" else -1
         if depth > MOST_NESTED:
             raise UnreadableError("its metadata.yaml is nested too deeply")
+
+
+def check_counts(reader: Any) -> None:
+    """Raise an UnreadableError for metadata in which a number of messages is none; the reader takes it as it is."""
+    for one in reader.connections:
+        if not isinstance(one.msgcount, int) or one.msgcount < 0:
+            raise UnreadableError(f"it counts {one.msgcount!r} messages of {one.topic}")
 
 
 def _settled(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -211,6 +212,16 @@ def test_metadata_that_takes_long_to_parse_is_refused_at_once(tmp_path, content,
     bag = write_bag(tmp_path / "walk", "ros2")
     (bag / "metadata.yaml").write_text(content)
     with pytest.raises(RecordingError, match=words):
+        open_recording(bag)
+
+
+@pytest.mark.parametrize("count", ["nan", "-3", "2.5"])
+def test_metadata_with_a_number_of_messages_that_is_none_is_refused(tmp_path, count):
+    bag = write_bag(tmp_path / "walk", "ros2")
+    metadata = bag / "metadata.yaml"
+    text = metadata.read_text()
+    metadata.write_text(re.sub(r"(?m)^(  - message_count:) \d+", rf"\1 {count}", text))
+    with pytest.raises(RecordingError, match=rf"it counts '?{count}'? messages of /"):
         open_recording(bag)
 
 
