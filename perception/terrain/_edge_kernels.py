@@ -165,14 +165,15 @@ def fit_line(
         squares += (offset / sum_w) ** 2
         lever += (place / sum_w) ** 2
         begin = end
-    lines = np.sort(crossed)
-    different = 1
+    rounded = 1  # so many times independently, to whole pixels
     for k in range(1, count):
-        different += lines[k] != lines[k - 1]
+        rounded += crossed[order[k]] != crossed[order[k - 1]]
     unit = 1.0 / math.sqrt(total / count)
-    scatter = max(squares / max(parts - 2, 1), unit * unit / 12.0 / different**2)
-    at_centre, turned = scatter / parts, scatter / max(lever, 1e-9)
     low, high = run.min(), run.max()
+    step = unit / rounded
+    scatter = squares / max(parts - 4, 1)  # variance of Student's t; two parameters are fitted
+    at_centre = max(scatter / parts, step * step / 12.0)
+    turned = max(scatter / max(lever, 1e-9), (step / (high - low)) ** 2)
     shift = (low + high) / 2.0
     line[6], line[7], line[8] = turned, at_centre + shift * shift * turned, shift * turned
     line[9] = unit

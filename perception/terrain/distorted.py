@@ -56,13 +56,13 @@ def by_distortion(
 
 
 def _by_rim(points: Points, plane: Plane, sigmas: float) -> Float[np.ndarray, "3 3"]:
-    """Covariance by an error that points share: it shifts the plane, and tilts it as far as it shifts it at the rim."""
+    """Covariance by errors that points at a rim share: they tilt the plane, and shift it half as much as its rim."""
     off = sigmas * float(np.mean(points.sigma / points.xyz[:, 2])) * plane.offset_m
     at = points.xyz @ plane.tangents.T
     middle = at.mean(axis=0)
     P = np.zeros((3, 3))
     P[:2, :2] = off**2 * np.linalg.inv(3.0 * np.cov(at.T))
-    P[2, 2] = off**2
+    P[2, 2] = (off / 2.0) ** 2
     to_camera = np.eye(3)
     to_camera[2, :2] = -middle
     return np.asarray(to_camera @ P @ to_camera.T)

@@ -22,7 +22,7 @@ from .region import Edge, EdgeKind, Region
 MEET_SIGMAS = 3.0  # ours
 LEAST_PART = 0.02  # ours: of the image width or height, that an edge crosses
 MOST_LINES = 512  # ours: of an image
-FOLD_PX, END_PX, PATTERN_END_PX, MATCHED_PX = 0.2, 0.1, 1.0, 1.0
+FOLD_PX, END_PX, PATTERN_END_PX, MATCHED_PX = 0.2, 0.1, 1.0, 1.4
 """Ours: by how much a border is off because its pixels see both sides, by standard deviation once for all edges of a view
 and once for each. At a fold, the brighter surface decides; where a surface ends, time of flight drops the pixels between,
 which leaves less. A camera that matches a projected pattern errs by a pixel or two either way: a Kinect shows the top of a

@@ -49,8 +49,9 @@ MARGIN_PX = 2
 THIN = 0.2  # ours: least share of a region's pixels away from its border for that
 LARGE, STRIDE, MANY = 150_000, 3, 600
 """Ours: in images of `LARGE` pixels, every `STRIDE`-th point of regions with `MANY` points is fitted."""
-SUB_PIXEL_SIGMAS = 0.1  # ours: shared by pixels of like disparity
-RESOLVED_PX, RESOLVED_BLOCKS = 5.0, 1.5
+SUB_PIXEL_SIGMAS, RIM_SIGMAS = 0.1, 0.5
+"""Ours: after block matching, shared by pixels of like disparity; by those of a region whose blocks all see beyond it."""
+RESOLVED_PX, RESOLVED_BLOCKS = 5.0, 2.0
 """Ours: smallest detail that a region resolves: in pixels, and in blocks of block matching, which smooths small steps."""
 LEAST_PIXELS, LEAST_SHARE = 100, 0.002  # ours: of the image; smaller regions are not claimed
 
@@ -104,7 +105,9 @@ def find(
     found = []
     for one, middle, fit in fits:
         assert fit.scatter is not None, "refine gives it"
-        common = SUB_PIXEL_SIGMAS if depth.baseline_m > 0.0 else 0.0
+        common = 0.0
+        if depth.baseline_m > 0.0:
+            common = SUB_PIXEL_SIGMAS if len(one.inner) < len(one.pixels) else RIM_SIGMAS
         own, shared = by_distortion(middle, fit.plane, distortion, edge, common)
         own = own + correlation * fit.scatter.independent
         found.append(_region(one, fit.plane, own, shared, depth))

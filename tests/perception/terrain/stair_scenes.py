@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from perception.primitives.camera import Camera
-from perception.primitives.frame import Depth
+from perception.primitives.frame import Depth, StereoView
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose3, head_rotation
 
@@ -47,23 +47,48 @@ def look(
     surfaces: list[Rectangle], T: Pose3, noise_m: float, seed: int = 0, camera: Camera = CAMERA
 ) -> Depth:
     """Depth of the nearest surface along each ray, with independent noise; NaN beyond 4 m."""
+    z, _ = _met(surfaces, T, camera)
+    z[z > 4.0] = np.nan
+    z = z + noise_m * np.random.default_rng(seed).standard_normal(z.shape)
+    sigma = np.where(np.isfinite(z), noise_m, np.nan)
+    return Depth(z.astype(np.float32), sigma.astype(np.float32), camera)
+
+
+def _met(surfaces: list[Rectangle], T: Pose3, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Depth of the nearest surface along each ray, infinite without one, and the place on it: along, across, which."""
     rays = camera.rays @ T.rotation.T
-    z = np.full(rays.shape[:2], np.inf)
-    for (x0, z0), (x1, z1), half in surfaces:
+    z, on = np.full(rays.shape[:2], np.inf), np.zeros((*rays.shape[:2], 3))
+    for number, ((x0, z0), (x1, z1), half) in enumerate(surfaces):
         normal = np.array([z0 - z1, 0.0, x1 - x0])
         corner = np.array([x0, 0.0, z0])
         with np.errstate(divide="ignore", invalid="ignore"):
             depth = normal @ (corner - T.position) / (rays @ normal)
         place = T.position + np.where(np.isfinite(depth), depth, 0.0)[..., None] * rays
-        share = (
-            (place - corner) @ np.array([x1 - x0, 0.0, z1 - z0]) / ((x1 - x0) ** 2 + (z1 - z0) ** 2)
+        long = math.hypot(x1 - x0, z1 - z0)
+        along = (place - corner) @ np.array([x1 - x0, 0.0, z1 - z0]) / long
+        inside = (along >= 0.0) & (along <= long) & (np.abs(place[..., 1]) <= half)
+        nearest = (depth > 0.05) & inside & (depth < z)
+        z = np.where(nearest, depth, z)
+        on[nearest] = np.stack(np.broadcast_arrays(along, place[..., 1], number), -1)[nearest]
+    return z, on
+
+
+def stereo_pair(surfaces: list[Rectangle], T: Pose3, seed: int) -> StereoView:
+    """Pictures of the surfaces, each with a texture of its own, by two cameras 8 cm apart."""
+    camera = Camera.from_view(320, 240, math.radians(60.0), math.radians(47.0))
+    rng = np.random.default_rng(seed)
+    texture = cv2.GaussianBlur(rng.uniform(0.0, 255.0, (1024, 1024)).astype(np.float32), (0, 0), 1)
+    pictures = []
+    for shift in (0.0, 0.08):
+        place = T.position + shift * T.rotation[:, 0]
+        _, on = _met(surfaces, Pose3.from_rotation(T.rotation, place), camera)
+        x, y = on[..., 0] / 0.004 + 97.0 * on[..., 2], on[..., 1] / 0.004 + 300.0 * on[..., 2]
+        grey = cv2.remap(
+            texture, (x % 1023).astype(np.float32), (y % 1023).astype(np.float32), cv2.INTER_LINEAR
         )
-        hit = (depth > 0.05) & (share >= 0.0) & (share <= 1.0) & (np.abs(place[..., 1]) <= half)
-        z = np.where(hit & (depth < z), depth, z)
-    z[z > 4.0] = np.nan
-    z = z + noise_m * np.random.default_rng(seed).standard_normal(z.shape)
-    sigma = np.where(np.isfinite(z), noise_m, np.nan)
-    return Depth(z.astype(np.float32), sigma.astype(np.float32), camera)
+        noisy = 3.0 * (grey - 127.5) + 127.5 + rng.normal(0.0, 2.0, grey.shape)
+        pictures.append(np.clip(noisy, 0.0, 255.0).astype(np.uint8))
+    return StereoView(pictures[0], pictures[1], 0.08, camera)
 
 
 def matched(surfaces: list[Rectangle], T: Pose3, seed: int) -> Depth:

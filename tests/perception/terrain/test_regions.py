@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from perception.depth import stereo
 from perception.depth.distortion import Distortion, DistortionConfig
 from perception.floor.choose import FloorConfig
 from perception.primitives.errors import InputError
@@ -167,6 +168,25 @@ def test_edges_of_treads_keep_to_their_sigma_by_a_noisy_camera():
         off, length = np.array(values).T
         assert np.median(off**2) < 1.0, kind
         assert length[np.abs(off) > 3.0].sum() < 0.1 * length.sum(), kind
+
+
+def test_thin_treads_keep_to_their_tilt_by_block_matching():
+    """Most blocks of a thin tread see beyond it."""
+    pose, nees = scenes.pose(1.1, 0.6), []
+    up = scenes.prior(pose).normal
+    for seed in range(10):
+        surfaces = scenes.stairs(0.12, 0.26, 5, 0.7 + 0.05 * seed)
+        for one in segmentation.find(
+            stereo.depth(scenes.stereo_pair(surfaces, pose, seed)), sensor="stereo"
+        ):
+            thin = np.ptp(one.pixels // scenes.CAMERA.width) < 40
+            if thin and one.slope_rad(up) < math.radians(30.0):
+                error = one.plane.tangents @ (up - one.plane.normal)
+                nees.append(
+                    float(error @ np.linalg.solve(one.plane.covariance[:2, :2], error)) / 2.0
+                )
+    assert len(nees) > 20
+    assert 0.4 < np.mean(nees) < 2.0
 
 
 def test_a_tread_does_not_reach_down_a_riser_that_is_too_small_to_be_a_region():
