@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
-import gc
 import json
 import os
 import queue
@@ -22,6 +21,7 @@ from pathlib import Path
 
 from perception.primitives import safe_input
 
+from ..run.memory import give_back
 from .job import DIED, Answer, Job
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
@@ -110,7 +110,7 @@ def main(memory_gib: float) -> None:
 
     while True:
         answer = do(Job.read(waiting.get()))
-        gc.collect()
+        give_back()
         answer["last"] = answer["status"] == DIED or held_bytes() > MOST_KEPT * most
         answers.write(json.dumps(answer) + "\n")
         answers.flush()

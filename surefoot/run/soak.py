@@ -7,7 +7,6 @@ number. Its figures are appended to soak.csv when it ends. The folder of a walk 
 from __future__ import annotations
 
 import csv
-import gc
 import shutil
 import time
 from collections.abc import Iterable
@@ -28,7 +27,7 @@ from ..results.formats import refuse
 from ..results.run_folder import RunFolder
 from ..results.tables import read_table
 from .interrupt import stop_requested
-from .memory import memory_mb
+from .memory import give_back, memory_mb
 from .simulate import simulate
 from .summary import Say
 
@@ -139,7 +138,7 @@ def _walk(number: int, process: int, out: Path, config: Config) -> Walk:
     if not (walk.contacts or walk.falls):
         shutil.rmtree(place)
     del folder, metrics, timing, cycles
-    gc.collect()
+    give_back()
     return replace(walk, wall_s=time.monotonic() - began_s, rss_mb=memory_mb())
 
 
