@@ -17,6 +17,8 @@ from numpy.polynomial import Polynomial
 
 from .errors import ConfigError, InputError
 
+MOST_DISTORTION, LEAST_DISTORTION = 1e6, 1e-12  # beyond any lens; without effect
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -63,10 +65,11 @@ class Camera:
                 raise ConfigError(
                     f"camera: {name}={value} px lies far outside the image of {size} px; check the intrinsics"
                 )
-        if len(self.distortion) not in (5, 8) or not all(map(math.isfinite, self.distortion)):
+        small = all(abs(value) <= MOST_DISTORTION for value in self.distortion)
+        if len(self.distortion) not in (5, 8) or not small:
             raise ConfigError(
                 f"camera: distortion={self.distortion} must be 5 finite numbers (k1, k2, p1, p2, k3) or 8 "
-                "(also k4, k5, k6); check the intrinsics"
+                f"(also k4, k5, k6), none beyond {MOST_DISTORTION:g}; check the intrinsics"
             )
 
     @staticmethod
@@ -126,7 +129,7 @@ class Camera:
         k1, k2, _, _, k3, *rational = self.distortion
         top, below, square = (Polynomial(c) for c in ([1, k1, k2, k3], [1, *rational], [0, 1]))
         growth = top * below + 2 * square * (top.deriv() * below - top * below.deriv())
-        zeros = np.concatenate([growth.roots(), below.roots()])
+        zeros = np.concatenate([one.trim(LEAST_DISTORTION).roots() for one in (growth, below)])
         ends = zeros.real[(np.abs(zeros.imag) < 1e-9) & (zeros.real > 0.0)]
         return math.sqrt(ends.min(initial=np.inf))
 

@@ -133,6 +133,7 @@ def test_the_field_of_view_reaches_from_edge_to_edge(across, down):
         ({"cy": math.inf}, "cy=inf px lies far outside"),
         ({"distortion": (0.1, 0.2, 0.0, 0.0)}, r"distortion=\(0.1, .* must be 5 finite numbers"),
         ({"distortion": (0.1, 0.0, 0.0, 0.0, math.nan)}, "nan.* must be 5 finite .* or 8"),
+        ({"distortion": (0.1, 1e300, 0.0, 0.0, 0.0)}, "1e[+]300.* none beyond 1e[+]06"),
     ],
 )
 def test_invalid_intrinsics_are_refused_by_name(change, message):
@@ -147,6 +148,7 @@ def test_invalid_intrinsics_are_refused_by_name(change, message):
         ((0.0, 0.0, 0.001, 0.0, 0.0), math.inf),
         ((0.3, 0.0, 0.0, 0.0, 0.0), math.inf),
         ((-0.3, 0.0, 0.0, 0.0, 0.0), math.sqrt(1 / 0.9)),  # r - 0.3 r^3
+        ((-0.3, 0.0, 0.0, 0.0, 5e-320), math.sqrt(1 / 0.9)),
         ((0.0, 0.0, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0), 2.0),  # r / (1 + r^2 / 4)
         ((0.0, 0.0, 0.0, 0.0, 0.0, -0.25, 0.0, 0.0), 2.0),  # r / (1 - r^2 / 4): infinite there
     ],
