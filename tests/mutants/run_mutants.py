@@ -24,6 +24,7 @@ import hashlib
 import math
 import os
 import random
+import re
 import resource
 import shutil
 import subprocess
@@ -51,6 +52,9 @@ MOST_S = 60  # processor time of a test file, and after which no further one beg
 INTERPRETED = 2  # so many files of tests run without compilation first
 INTERPRETED_S = 15  # processor time of each of these
 MOST_BYTES = 12 << 30  # address space of a test run
+FAILED = re.compile(
+    r"^FAILED (\S+?(?:\[.*?\])?)(?: - |$)", re.MULTILINE
+)  # a line of pytest's summary
 COLUMNS = ("verdict", "file", *Change._fields, "seconds", "test")
 Bug = tuple[str, Change]
 """File, relative to the tree, and the change."""
@@ -116,7 +120,7 @@ class Tree:
                 self._seconds[test] = max(seconds, self._seconds.get(test, 0.0))
             elif "IndexError" in words or status < 0:  # compiled code may live with it
                 continue
-            failed = [line.split()[1] for line in words.splitlines() if line[:6] == "FAILED"]
+            failed = FAILED.findall(words)
             where = failed[0] if failed else str(test.relative_to(self.root))
             if status and self._passes_without_bug(where, status, compile_):
                 return Tried(bug, "killed", spent, where if failed else f"{where}: status {status}")

@@ -81,8 +81,9 @@ def project(tmp_path: Path) -> Path:
         "perception/floor/sum_kernels.py": KERNEL,
         "mapping/__init__.py": '"""Nothing."""\n',
         "planning/__init__.py": '"""Nothing."""\n',
-        "tests/perception/floor/test_area.py": "from perception.floor.area import area\n\n\n"
-        "def test_the_area_is_negative():\n    assert area(2.0, 3.0) < 0\n",
+        "tests/perception/floor/test_area.py": "import pytest\n\nfrom perception.floor.area import area\n\n\n"
+        "@pytest.mark.parametrize('height', [3.0], ids=['3 m - high'])\n"
+        "def test_the_area_is_negative(height):\n    assert area(2.0, height) < 0, '[1] - 2'\n",
         "tests/perception/floor/test_sum.py": "from perception.floor import sum_kernels\n\n\n"
         "def test_one_and_two_are_three():\n    assert sum_kernels.total(1.0, 2.0) == 3.0\n",
     }
