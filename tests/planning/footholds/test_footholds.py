@@ -172,6 +172,13 @@ def test_a_plan_ends_at_the_border_of_what_was_seen():
     assert plan([], STANCE, np.array([2.0, 0.0]), 0.1, ROBOT, SLIPPING).footholds == ()
 
 
+def test_unknown_ground_between_two_heights_may_hold_stairs():
+    ground = [rectangle(-0.5, 1.0, borders=(0, 0, 0, 0)), rectangle(2.2, 4.0, 0.5, half=9.0)]
+    done, _ = walked(ground, (3.0, 0.0), steps=40)
+    last, _ = done[-1]
+    assert 0.8 < last.pose.x < 0.91  # at the border of what was seen
+
+
 def test_a_goal_on_an_island_that_no_step_reaches_gives_no_steps():
     here, there = rectangle(-0.5, 0.6), rectangle(0.6, 2.6, 0.5)
     found = plan(

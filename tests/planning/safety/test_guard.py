@@ -145,6 +145,16 @@ def test_without_obstacles_nearby_the_desired_step_is_kept():
     assert choose(wish, at(Pose2()), [far], NOTHING, np.array([2.0, 0.5]), CONFIG) is wish
 
 
+def test_after_the_desired_step_a_plan_pursues_the_target_or_stands():
+    wish = footstep(0.3, 0.07, Pose2(), GAIT)
+    plans = guard_module._desired_plans(wish, GAIT)
+    begins = [[wish.forward_m, wish.lateral_m, wish.turn_rad]] * 3
+    np.testing.assert_array_equal(plans[:, :3], begins)
+    np.testing.assert_array_equal(plans[:, 3], [1, 1, 2])  # steps
+    cruise = GAIT.cruise_mps * GAIT.step_s
+    np.testing.assert_array_equal(plans[:, 4:], [[cruise, 0, 0, 1], [0] * 4, [0] * 4])
+
+
 @pytest.mark.parametrize("speed", [0.03, 0.06])
 @pytest.mark.parametrize("offset", [-0.1, 0.0, 0.15])
 def test_a_head_on_obstacle_is_passed(speed, offset):
