@@ -56,5 +56,5 @@ def _errors(metrics: Mapping[str, float]) -> str:
         f"against the truth: position {1e3 * metrics['position_rmse_m']:.0f} mm, heading "
         f"{metrics['heading_rmse_deg']:.1f} deg (RMS); floor {metrics['floor_tof_angle_deg_median']:.2f} deg, "
         f"{metrics['floor_tof_height_mm_median']:.1f} mm (median); {100 * shares[0]:.0f} % of the map right; movers "
-        f"followed for {100 * shares[1]:.0f} % of the time"
+        f"followed for {100 * shares[1]:.0f} % of the time, in sight or not"
     )
