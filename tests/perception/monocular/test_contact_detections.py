@@ -91,6 +91,13 @@ def test_seams_and_small_regions_count_as_floor():
     assert contact_detections.detect_discs(seen, ROBOT, 2.5) == []
 
 
+@pytest.mark.parametrize("part", [np.s_[600:612, :30], np.s_[600:612, -30:], np.s_[-12:, 300:330]])
+def test_a_small_region_at_the_border_may_be_the_tip_of_an_obstacle(part):
+    ground = ground_with([])
+    ground[part] = 0
+    assert (contacts_of(ground).ground[part] == 0).all()
+
+
 def test_a_wide_or_truncated_object_is_not_a_disc():
     wide = contacts_of(ground_with([(1.2, 0.0, 0.25, 0.3)]))
     assert contact_detections.detect_discs(wide, ROBOT, 2.5) == []
