@@ -46,11 +46,13 @@ class Sensor(NamedTuple):
         xy: In the frame of the points, m.
         height_m: Above the floor.
         pitch_rad: Angle between two rows; 0: not known.
+        rim_rad: Angle at either end of an object that has no depth.
     """
 
     xy: Float[np.ndarray, "2"]
     height_m: float
     pitch_rad: float
+    rim_rad: float = 0.0
 
 
 def with_level(

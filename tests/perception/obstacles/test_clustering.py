@@ -136,6 +136,18 @@ def test_the_centre_of_a_cylinder_lies_behind_its_visible_side(distance, bearing
     assert found.points > 0.98 * len(points)  # a few at the edge are alone in their cell
 
 
+@pytest.mark.parametrize("distance", [0.8, 1.5, 2.2])
+def test_the_ends_that_have_no_depth_belong_to_the_object(distance):
+    rim_rad = 0.012
+    centre = SENSOR + np.array([distance, 0.0])
+    half = math.asin(0.10 / distance) - rim_rad
+    points, sigma = see_cylinder(centre, 0.10, 0.4, np.random.default_rng(0))
+    seen = np.abs(np.arctan2(*(points[:, :2] - SENSOR).T[::-1])) < half
+    (found,) = cluster(points[seen], sigma[seen], SENSOR, rim_rad=rim_rad)
+    assert np.linalg.norm(found.centre - centre) < 0.012
+    assert abs(found.radius_m - 0.10) < 0.01
+
+
 def test_the_covariance_of_the_centre_covers_its_error():
     rng = np.random.default_rng(1)
     squares = []
