@@ -59,7 +59,9 @@ PLACE_SIGMA_PER_M = 0.006  # ours: its growth with range; half a pixel at either
 CIRCLE_MOST_M = 1.0  # ours: range up to which a circle is fitted to a truncated object
 LEAST_CELL_M = 0.005  # ours: finer than any sensor, and a plan still fits into memory
 SURFACE = 12  # ours: surface points of a cluster
-RIM_PX = 3.5  # ours: mean over rendered rooms, 2 to 7 where disparity jumps by 1 to 60 px; blocks have 9
+RIM_PX = (
+    3.5  # ours: mean over rendered rooms, 2 to 7 where disparity jumps by 1 to 60 px; blocks have 9
+)
 
 
 @dataclass(frozen=True)

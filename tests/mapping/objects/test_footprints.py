@@ -145,10 +145,11 @@ def test_two_faces_give_the_whole_box_with_two_sides_unseen(yaw):
     assert math.isnan(found.box.sigma_length_m)
 
 
-def test_a_box_seen_from_one_side_is_the_strip_that_was_seen():
+@pytest.mark.parametrize("towards", [-1.0, 1.0])
+def test_a_box_seen_from_one_side_is_the_strip_that_was_seen(towards):
     points = side(np.random.default_rng(2), (0.0, 0.0), (1.0, 0.0))
-    (found,) = find(from_(points, (0.5, -2.0)))
-    assert found.outline[:, 1].min() == pytest.approx(0.0, abs=0.01)
+    (found,) = find(from_(points, (0.5, 2.0 * towards)))
+    assert (towards * found.outline[:, 1]).max() == pytest.approx(0.0, abs=0.01)
     assert np.ptp(found.outline[:, 0]) == pytest.approx(1.0, abs=0.04)
     assert np.ptp(found.outline[:, 1]) < 0.05  # nothing is known of its depth
     assert found.seen.sum() == 1

@@ -88,6 +88,15 @@ def test_the_region_follows_a_gradient_and_stops_at_an_edge():
     assert not region[:, 8:].any()
 
 
+def test_a_region_does_not_grow_across_tiles_that_are_not_allowed():
+    tiles = np.full((3, 5, 3), 90.0, np.float32)
+    allowed = np.ones((3, 5), bool)
+    allowed[:, 2] = False
+    region = grow_region(tiles, 0, allowed)
+    assert region[:, :2].all()
+    assert not region[:, 2:].any()
+
+
 def camera_at(x=0.0, y=0.0):
     """Camera pose of a robot at (x, y), m, looking ahead and down."""
     return camera_pose(np.array([x, y, 0.42]), 0.0, math.radians(30.0), 0.0)
