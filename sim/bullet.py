@@ -23,6 +23,13 @@ def library() -> Any:
     return pybullet
 
 
+def connect(pybullet: Any) -> int:
+    """A new client without a window, which keeps no mesh that it has loaded: others have other files."""
+    client = pybullet.connect(pybullet.DIRECT)
+    pybullet.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=client)
+    return int(client)
+
+
 def require() -> None:
     """Check, without loading it, that PyBullet is installed.
 

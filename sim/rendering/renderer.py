@@ -116,7 +116,7 @@ class Renderer:
         with silenced_output():
             pybullet = bullet.library()
             self._bullet: Any = pybullet
-            self._client = pybullet.connect(pybullet.DIRECT)
+            self._client = bullet.connect(pybullet)
             if self.name == "egl":
                 self._plugin = pybullet.loadPlugin(
                     _egl_file(), "_eglRendererPlugin", physicsClientId=self._client

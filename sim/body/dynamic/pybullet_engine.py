@@ -40,7 +40,7 @@ class PyBulletPhysics:
         with silenced_output():
             pybullet = bullet.library()
             self._bullet: Any = pybullet
-            self.client = pybullet.connect(pybullet.DIRECT)
+            self.client = bullet.connect(pybullet)
         b, c = pybullet, self.client
         self.up = np.array(stage.up)
         b.setGravity(*(-GRAVITY_MPS2 * self.up), physicsClientId=c)

@@ -1,6 +1,8 @@
 """Rendering: both renderers agree with ray casting, and tags are detectable."""
 
+import ctypes
 import math
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, Pose3, head_rotation
-from sim.rendering.renderer import choose_renderer
+from sim.rendering.renderer import Renderer, TexturedMesh, choose_renderer
 from sim.rendering.textures import KINDS, paint
 from sim.scenes import catalogue
 from sim.world import World
@@ -112,3 +114,25 @@ def test_materials_are_aperiodic(kind):
     match = cv2.matchTemplate(image, patch, cv2.TM_CCOEFF_NORMED)
     match[90:111, 50:71] = -1.0
     assert match[100, :].max() < 0.9  # the stereo match along the row is unique
+
+
+def test_a_closed_renderer_keeps_none_of_its_meshes():
+    """PyBullet keeps every mesh file that it has loaded, unless it is told not to."""
+    side = 100
+    x, y = np.meshgrid(np.arange(side), np.arange(side))
+    vertices = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3) / side
+    corner = (x + side * y)[:-1, :-1].reshape(-1, 1)
+    halves = np.array([[0, 1, side], [1, side + 1, side]])
+    triangles = (corner[:, None] + halves).reshape(-1, 3)
+    texture = np.full((8, 8, 3), 200, np.uint8)
+    mesh = TexturedMesh(vertices, triangles, vertices[:, :2], texture)
+
+    def held_mb() -> float:
+        renderer = Renderer("tiny")
+        renderer.show(mesh)
+        renderer.close()
+        ctypes.CDLL(None).malloc_trim(0)
+        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
+
+    held = [held_mb() for _ in range(8)]
+    assert held[-1] - held[1] < 3.0
