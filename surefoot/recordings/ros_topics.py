@@ -122,7 +122,7 @@ def decoded(reader: Any, connections: list[Any], skips: SkipLog) -> Iterator[tup
     """Decoded messages of some topics; skips damaged ones, and ends at a damaged end of the bag."""
     if not connections:
         return
-    stream = reader.messages(connections=connections)
+    stream, topics = reader.messages(connections=connections), {one.topic for one in connections}
     while True:
         try:
             connection, _, raw = next(stream)
@@ -131,6 +131,9 @@ def decoded(reader: Any, connections: list[Any], skips: SkipLog) -> Iterator[tup
         except Exception as error:  # the package raises many types for a damaged file
             skips.skip("the rest of the bag", f"cannot be read: {words(error)}")
             return
+        if connection.topic not in topics:
+            skips.skip(f"a message of {connection.topic}", "is listed under another topic")
+            continue
         try:
             message = reader.deserialize(raw, connection.msgtype)
         except Exception as error:

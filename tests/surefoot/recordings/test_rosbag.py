@@ -7,6 +7,7 @@ import importlib.util
 import os
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ import pytest
 
 from perception.primitives.errors import RecordingError
 from surefoot.recordings.open import open_recording
+from surefoot.recordings.recording import SkipLog
+from surefoot.recordings.ros_topics import decoded
 
 
 def _beside(name: str) -> Any:
@@ -184,6 +187,20 @@ def test_a_truncated_bag_gives_its_complete_frames_or_an_error(tmp_path, kind):
     with pytest.raises(RecordingError) if kind != "ros2" else contextlib.suppress(RecordingError):
         given = list(open_recording(bag).frames())
     assert len(given) < 40
+
+
+def test_a_message_that_the_index_lists_under_another_topic_is_skipped():
+    tf, info = (
+        SimpleNamespace(topic="/tf", msgtype="tf"),
+        SimpleNamespace(topic="/info", msgtype="info"),
+    )
+    reader = SimpleNamespace(
+        messages=lambda connections: iter([(tf, 0, b"1"), (info, 1, b"2"), (tf, 2, b"3")]),
+        deserialize=lambda raw, kind: (kind, raw),
+    )
+    skips = SkipLog()
+    assert [message for _, message in decoded(reader, [tf], skips)] == [("tf", b"1"), ("tf", b"3")]
+    assert [one.reason for one in skips.skipped] == ["is listed under another topic"]
 
 
 @pytest.mark.parametrize("folder", [False, True])
