@@ -59,9 +59,9 @@ PLACE_SIGMA_PER_M = 0.006  # ours: its growth with range; half a pixel at either
 CIRCLE_MOST_M = 1.0  # ours: range up to which a circle is fitted to a truncated object
 LEAST_CELL_M = 0.005  # ours: finer than any sensor, and a plan still fits into memory
 SURFACE = 12  # ours: surface points of a cluster
-RIM_PX = (
-    3.5  # ours: mean over rendered rooms, 2 to 7 where disparity jumps by 1 to 60 px; blocks have 9
-)
+RIM_PX = 3.5
+"""Ours: mean over rendered rooms of the rim that blocks of 9 pixels leave out, 2 to 7 where disparity jumps by 1 to 60."""
+LEAST_SHARE = 1e-6  # against division by zero
 
 
 @dataclass(frozen=True)
@@ -134,8 +134,8 @@ class Cluster:
         return self.whole or self.circular
 
 
-def rim_rad(depth: Depth) -> float:
-    """Angle at the left and right end of an object where an image has no depth: block matching leaves it out."""
+def rim_of(depth: Depth) -> float:
+    """Angle, rad, at the left and right end of an object that has no depth, since block matching leaves it out."""
     return RIM_PX / depth.camera.fx if depth.baseline_m > 0.0 else 0.0
 
 
@@ -169,7 +169,7 @@ def cluster(
         sensor_height_m: Height of the sensor above the floor.
         pitch_rad: Angle between two rows of pixels, the largest of several sensors; by it a level surface seen at a
             grazing angle stays one. 0: not known.
-        rim_rad: Angle at either end of an object that has no depth (`rim_rad`), the smallest of several sensors.
+        rim_rad: Angle at either end of an object that has no depth, see `rim_of`; the smallest of several sensors.
 
     Raises:
         InputError: Points or sigma are not finite.
@@ -347,7 +347,8 @@ def _measure(
     nearest, left, farthest, right = _extent(local)
     away = float(np.linalg.norm(mean - sensor.xy))
     rim = sensor.rim_rad * math.hypot(away, sensor.height_m - float(members[:, 2].mean()))
-    across = (right - left) / 2.0 + rim
+    seen = (right - left) / 2.0
+    across = seen + rim
     depth_seen = farthest - nearest
     noise = float(np.mean(sigma))
     place = math.hypot(PLACE_SIGMA_M, PLACE_SIGMA_PER_M * away, rim)
@@ -357,7 +358,7 @@ def _measure(
         top_seen = gap < across
     if across <= ROUND_M and depth_seen <= 2.0 * ROUND_M:
         nearness = across / max(away, across)
-        push = _mean_of_arc(1.0 - rim / across) * across * (1.0 + NEARNESS[1] * nearness)
+        push = _mean_of_arc(seen, across) * (1.0 + NEARNESS[1] * nearness)
         across *= 1.0 if top_seen else 1.0 + NEARNESS[0] * nearness
         along = max(push, nearest + depth_seen / 2.0)
         if top_seen:
@@ -422,9 +423,10 @@ def _with_circle(
     )
 
 
-def _mean_of_arc(share: float) -> float:
-    """Mean distance of the front half of a unit circle from its middle, over this share of its width; pi/4 of all."""
-    return (math.asin(share) / share + math.sqrt(1.0 - share * share)) / 2.0
+def _mean_of_arc(half_width_m: float, radius_m: float) -> float:
+    """Mean distance, m, of the front of a circle from the middle of it, over a part of its width; pi/4 radius of all."""
+    share = min(max(half_width_m / max(radius_m, LEAST_SHARE), LEAST_SHARE), 1.0)
+    return radius_m * (math.asin(share) / share + math.sqrt(1.0 - share * share)) / 2.0
 
 
 def _extent(local: Float[np.ndarray, "n 2"]) -> tuple[float, float, float, float]:

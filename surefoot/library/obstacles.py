@@ -103,7 +103,7 @@ def find_obstacles(
         lowermost=lowermost(view, cloud.of(rising), reach),
         sensor_height_m=floor.offset_m,
         pitch_rad=stride / camera.fy,
-        rim_rad=clustering.rim_rad(depth),
+        rim_rad=clustering.rim_of(depth),
     )
 
 

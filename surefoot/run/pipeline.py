@@ -269,7 +269,7 @@ class Pipeline:
             np.concatenate(lower),
             views[0].floor.offset_m,
             max(pitches),
-            min(clustering.rim_rad(view.depth) for view in views),
+            min(clustering.rim_of(view.depth) for view in views),
         )
         found = legs.joined(found)
         points_in_body = np.concatenate(in_space)

@@ -148,6 +148,14 @@ def test_the_ends_that_have_no_depth_belong_to_the_object(distance):
     assert abs(found.radius_m - 0.10) < 0.01
 
 
+@pytest.mark.parametrize("rim_rad", [0.0, 0.006])
+def test_an_object_of_one_column_of_pixels_is_as_wide_as_its_rims(rim_rad):
+    column = np.column_stack([np.full(60, 1.5), np.zeros(60), np.linspace(0.02, 0.5, 60)])
+    (found,) = cluster(column, np.full(60, 0.005), np.zeros(2), rim_rad=rim_rad)
+    assert found.radius_m == pytest.approx(1.5 * rim_rad, abs=0.001)
+    np.testing.assert_allclose(found.centre, [1.5 + found.radius_m, 0.0], atol=0.001)
+
+
 def test_the_covariance_of_the_centre_covers_its_error():
     rng = np.random.default_rng(1)
     squares = []
