@@ -24,7 +24,7 @@ def library() -> Any:
 
 
 def connect(pybullet: Any) -> int:
-    """A new client without a window, which keeps no mesh that it has loaded: others have other files."""
+    """A new client without a window. PyBullet would keep every mesh that it loads, by the name of the file."""
     client = pybullet.connect(pybullet.DIRECT)
     pybullet.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=client)
     return int(client)

@@ -165,7 +165,7 @@ def fit_line(
         squares += (offset / sum_w) ** 2
         lever += (place / sum_w) ** 2
         begin = end
-    rounded = 1  # so many times independently, to whole pixels
+    rounded = 1  # how often the border is rounded independently, to whole pixels
     for k in range(1, count):
         rounded += crossed[order[k]] != crossed[order[k - 1]]
     unit = 1.0 / math.sqrt(total / count)
@@ -173,7 +173,7 @@ def fit_line(
     step = unit / rounded
     scatter = squares / max(parts - 4, 1)  # variance of Student's t; two parameters are fitted
     at_centre = max(scatter / parts, step * step / 12.0)
-    turned = max(scatter / max(lever, 1e-9), (step / (high - low)) ** 2)
+    turned = max(scatter / max(lever, 1e-9), (step / max(high - low, 1e-9)) ** 2)
     shift = (low + high) / 2.0
     line[6], line[7], line[8] = turned, at_centre + shift * shift * turned, shift * turned
     line[9] = unit

@@ -282,7 +282,7 @@ def check_metadata(path: Path) -> None:
 
 
 def check_counts(reader: Any) -> None:
-    """Raise an UnreadableError for metadata in which a number of messages is none; the reader takes it as it is."""
+    """Raise an UnreadableError if the metadata has no whole number of messages for a topic; the reader does not check."""
     for one in reader.connections:
         if not isinstance(one.msgcount, int) or one.msgcount < 0:
             raise UnreadableError(f"it counts {one.msgcount!r} messages of {one.topic}")

@@ -3,9 +3,9 @@
 Random staircases, up and down by turns, some without risers, and as many ramps, floors with boxes, and kerbs, each seen once
 by time of flight, stereo, and structured light with a bend as large as its maker states. Parameters were chosen on seeds 0
 to 29, sizes of errors of edges on seeds 0 to 59, staircases down by time of flight on seeds to 799; doubt of edges and of
-thin regions by stereo on seeds 0 to 199, seen on 200 to 399. Seeds 1000 to 1099, 2000 to 2059 and 3000 to 3099 were judged
-first and showed errors with boards, with far stairs, in the height of thin treads, and by stereo, which were mended;
-judged are seeds from 4000.
+thin regions by stereo on seeds 0 to 199, the detail that stereo resolves on seeds 0 to 399. Seeds 1000 to 1099, 2000 to
+2059 and 3000 to 3099 were judged first and showed errors with boards, with far stairs, in the height of thin treads, and
+by stereo, which were mended; judged are seeds from 4000.
 
 In recordings only one staircase has labels: that of the time-of-flight set DPD, 8-bit grey levels without units. Its
 planes are scored by their overlap with the labels.
