@@ -122,6 +122,16 @@ def room_beside(
 
 
 @njit(cache=True)
+def rise_to(planes: np.ndarray, on: int, other: int, x: float, y: float) -> float:
+    """By how much one surface is higher than another at a place, m."""
+    a, b = planes[on], planes[other]
+    return (
+        b[4] + b[5] * (x - b[2]) + b[6] * (y - b[3])
+        - a[4] - a[5] * (x - a[2]) - a[6] * (y - a[3])
+    )  # fmt: skip
+
+
+@njit(cache=True)
 def is_below(
     sides: np.ndarray,
     planes: np.ndarray,
@@ -129,22 +139,23 @@ def is_below(
     on: int,
     x: float,
     y: float,
-    z: float,
     yaw: float,
     half: np.ndarray,
 ) -> bool:
-    """Whether a sole on a surface reaches below another one: the board of an open step, a bench, a table."""
+    """Whether a sole on a surface reaches below another one: the board of an open step, a bench, a table.
+
+    Heights are compared where the other surface is: a strip that rises to the edge of the sole's is not above it.
+    """
     c, s = math.cos(yaw), math.sin(yaw)
     reach = math.hypot(half[0], half[1])
     ends = np.empty((2, 2))  # of a side, in the axes of the sole
     for j in range(len(planes)):
-        there = planes[j, 4] + planes[j, 5] * (x - planes[j, 2]) + planes[j, 6] * (y - planes[j, 3])
         away = x + reach < boxes[j, 0] or x - reach > boxes[j, 2]
         away = away or y + reach < boxes[j, 1] or y - reach > boxes[j, 3]
-        if j == on or away or there - z < ABOVE_M:
+        if j == on or away:
             continue
         first, last = int(planes[j, 0]), int(planes[j, 1])
-        if inside(sides, first, last, x, y):
+        if rise_to(planes, on, j, x, y) >= ABOVE_M and inside(sides, first, last, x, y):
             return True
         for i in range(first, last):  # whether a side crosses the sole
             for k in range(2):
@@ -158,8 +169,13 @@ def is_below(
                 else:
                     one, two = (-half[k] - at) / way, (half[k] - at) / way
                     begin, end = max(begin, min(one, two)), min(end, max(one, two))
-            if begin < end:
-                return True
+            if begin >= end:
+                continue
+            for share in (begin, end):
+                px = sides[i, 0] + share * (sides[i, 2] - sides[i, 0])
+                py = sides[i, 1] + share * (sides[i, 3] - sides[i, 1])
+                if rise_to(planes, on, j, px, py) >= ABOVE_M:
+                    return True
     return False
 
 
@@ -350,7 +366,7 @@ def search(
                         )
                         if missed > risk or unseen > risk:
                             continue
-                        if is_below(sides, planes, boxes, j, tx, ty, height, yaw + turn, half):
+                        if is_below(sides, planes, boxes, j, tx, ty, yaw + turn, half):
                             continue
                         cost += costs[4] * (missed + unseen) / risk
                         if table[slot] == key and nodes[owner[slot], 6] <= cost:

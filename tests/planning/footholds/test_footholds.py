@@ -333,3 +333,21 @@ def test_no_sole_is_set_below_another_surface(height_m):
             ahead, across = c * reach[0] + s * reach[1], s * reach[0] + c * reach[1]
             beside = abs(foot.pose.x - 0.85) > 0.15 + ahead or abs(foot.pose.y) > 0.6 + across
             assert beside, foot
+
+
+def test_a_strip_that_rises_to_the_edge_of_a_step_does_not_bar_it():
+    """Depth that smears a riser shows such strips; carried on over the step, their planes would be above it."""
+    ground = flight(0.06, 0.33, 3)
+    strips = []
+    for k in range(3):
+        edge = 0.4 + 0.33 * k
+        outline = np.array(
+            [[edge - 0.04, -0.5], [edge + 0.04, -0.5], [edge + 0.04, 0.5], [edge - 0.04, 0.5]]
+        )
+        plane = np.array([0.06 * k + 0.03, 0.7, 0.0])
+        sides = np.array([Border.UNSEEN, Border.DROP, Border.UNSEEN, Border.RISE])
+        strips.append(Surface(np.array([edge, 0.0]), plane, 1e-3 * np.eye(3), outline, sides, np.full(4, 0.03)))  # fmt: skip
+    done, end = walked([*ground, *strips], (2.0, 0.0))
+    assert end is PlanEnd.GOAL
+    assert all(step.surface < len(ground) for step, _ in done)
+    assert done[-1][0].height_m == pytest.approx(0.18)
