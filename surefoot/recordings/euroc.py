@@ -27,7 +27,7 @@ from perception.primitives.safe_input import UnreadableError
 
 from .description import Description, complete
 from .folder import pictures
-from .poses import ASSOCIATION_S, pose_of_row
+from .poses import pose_of_row, poses_at
 from .recording import RecordingInfo
 from .stereo_calibration import RawCamera, read_euroc_camera, read_extrinsics
 from .stereo_pairs import StereoRecording
@@ -144,11 +144,14 @@ class EurocRecording(StereoRecording):
         """Pose of the rectified left camera in the world; None without a body pose within 20 ms."""
         if self._poses is None:
             return None
-        row = self._poses[int(np.argmin(np.abs(self._poses[:, 0] - stamp)))]
-        if abs(row[0] - stamp) * _NS > ASSOCIATION_S:
-            return None
-        x, y, z, qw, qx, qy, qz = (float(v) for v in row[1:8])
-        return pose_of_row((x, y, z, qx, qy, qz, qw)) @ self.T_body_rectified
+        since_s = (self._poses[:, 0] - stamp) * _NS
+        (pose,) = poses_at(np.zeros(1), since_s, self._body)
+        return None if pose is None else pose() @ self.T_body_rectified
+
+    def _body(self, row: int) -> Pose3:
+        assert self._poses is not None
+        x, y, z, qw, qx, qy, qz = (float(v) for v in self._poses[row, 1:8])
+        return pose_of_row((x, y, z, qx, qy, qz, qw))
 
     def _inertial(self, before: int | None, stamp: int) -> Imu | None:
         """Mean over the time since the previous frame."""

@@ -10,6 +10,7 @@ in the world), `/odometry`, `/imu`, `/joints`, `/feet`, `/frame`, and once at th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
@@ -301,13 +302,22 @@ def _depth(
         return None
     camera = _camera(parts[f"/{part}/calibration"])
     return EncodedDepth(
-        _units(parts[topic]), units[topic], camera, poses.get((_BODY, frame_id(part)))
+        _units(parts[topic]), _scale(units, topic), camera, poses.get((_BODY, frame_id(part)))
     )
 
 
 def _amplitude(parts: Mapping[str, Any], units: Mapping[str, float]) -> EncodedAmplitude | None:
     topic = "/tof/amplitude"
-    return EncodedAmplitude(_units(parts[topic]), units[topic]) if topic in parts else None
+    if topic not in parts:
+        return None
+    return EncodedAmplitude(_units(parts[topic]), _scale(units, topic))
+
+
+def _scale(units: Mapping[str, float], topic: str) -> float:
+    """Units per metre, or per one, of a topic."""
+    if not (0.0 < units[topic] < math.inf):
+        raise FrameError(f"{topic} has {units[topic]} units; a positive number was expected")
+    return units[topic]
 
 
 def _picture(

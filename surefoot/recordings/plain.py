@@ -23,7 +23,16 @@ from .folder import (
     pair,
     pictures,
 )
-from .poses import ASSOCIATION_S, associate, mirrored, numbers, pose_of_row, read_lines, read_tum
+from .poses import (
+    ASSOCIATION_S,
+    associate,
+    mirrored,
+    numbers,
+    pose_of_row,
+    poses_at,
+    read_lines,
+    read_tum,
+)
 from .recording import RecordingInfo
 
 _DEPTH_FOLDERS = ("depth", ".")
@@ -167,8 +176,8 @@ def _poses(
     source = path / description.poses_file
     pose_stamps, rows = read_tum(source)
     if description.stamps is not None:
-        matches = associate(stamps, pose_stamps)
-        unmatched = int((matches < 0).sum())
+        poses = poses_at(stamps, pose_stamps, lambda row: _pose(description, rows[row]))
+        unmatched = poses.count(None)
         if unmatched == len(stamps):
             raise RecordingError(
                 f"{source}: no pose within {ASSOCIATION_S} s of any frame: poses span "
@@ -177,14 +186,13 @@ def _poses(
             )
         if unmatched:
             remarks.append(f"{unmatched} of {len(stamps)} depth images have no pose within 0.02 s")
-    elif len(rows) == len(stamps):
-        matches = np.arange(len(rows))
-    else:
+        return poses
+    if len(rows) != len(stamps):
         raise RecordingError(
             f"{source}: {len(rows)} poses for {len(stamps)} depth images; one per image was expected, or "
             "stamps to associate them by time"
         )
-    return [partial(_pose, description, rows[i]) if i >= 0 else None for i in matches]
+    return [partial(_pose, description, row) for row in rows]
 
 
 def _pose(description: Description, row: tuple[float, ...]) -> Pose3:

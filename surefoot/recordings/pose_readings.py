@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from perception.primitives.camera import Camera
 from perception.primitives.frame import DepthView
 from perception.primitives.pose import CAMERA_IN_BODY_AXES, Pose3
+
+from .poses import between
 
 _WIDTH_PX = 160  # ours: of the images that are compared
 _STEP_PX = 8  # ours: of the grid of compared pixels
@@ -250,10 +251,7 @@ class PoseReadings:
         (first_s, first), (second_s, second) = self._poses[after - 1], self._poses[after]
         if second_s - first_s > _SPACING_S:
             return None
-        share = (stamp_s - first_s) / (second_s - first_s)
-        turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([first.rotation, second.rotation])))
-        position = (1.0 - share) * first.position + share * second.position
-        return Pose3.from_rotation(turn(share).as_matrix(), position)
+        return between(first, second, (stamp_s - first_s) / (second_s - first_s))
 
 
 def agreement(other: DepthView, one: DepthView, T_other_one: Pose3) -> float | None:

@@ -1,12 +1,19 @@
-"""Poses of recordings: TUM lines, 4x4 matrices, Redwood logs; and association by time."""
+"""Poses of recordings: TUM lines, 4x4 matrices, Redwood logs; and association by time.
+
+Poses have a clock of their own. At the stamp of an image one is interpolated: a hand turns a camera by 50 deg/s, and thus by
+.25 deg in the 5 ms to the nearest of 100 poses a second.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation, Slerp
 
 from perception.primitives import safe_input
 from perception.primitives.errors import InputError, RecordingError
@@ -18,6 +25,7 @@ from .recording import FrameError
 _NORM_TOLERANCE = 0.01  # ours: four printed digits leave 1e-4
 _FLIP_Y = np.diag([1.0, -1.0, 1.0])
 ASSOCIATION_S = 0.02  # TUM's associate.py
+SPACING_S = 0.1  # ours: of poses between which one is interpolated
 MOST_CANDIDATES = 50  # ours: of one stamp, on either side
 
 
@@ -27,18 +35,31 @@ def read_lines(path: Path) -> list[tuple[int, list[str]]]:
     Raises:
         RecordingError: The file cannot be read, is not text, or has no lines.
     """
-    try:
-        text = safe_input.text(path)
-    except UnreadableError as error:
-        raise RecordingError(f"{path}: {error}; lines of numbers were expected") from error
     lines = [
         (number, _plain(line).split())
-        for number, line in enumerate(text.splitlines(), start=1)
+        for number, line in enumerate(_text(path).splitlines(), start=1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not lines:
         raise RecordingError(f"{path}: has no lines of data; remove or complete it")
     return lines
+
+
+def read_comments(path: Path) -> list[str]:
+    """The comments of a text file, without #.
+
+    Raises:
+        RecordingError: The file cannot be read, or is not text.
+    """
+    lines = (line.strip() for line in _text(path).splitlines())
+    return [line.lstrip("# ") for line in lines if line.startswith("#")]
+
+
+def _text(path: Path) -> str:
+    try:
+        return safe_input.text(path)
+    except UnreadableError as error:
+        raise RecordingError(f"{path}: {error}; lines of numbers were expected") from error
 
 
 def _plain(line: str) -> str:
@@ -128,6 +149,47 @@ def pose_of_matrix(matrix: Float[np.ndarray, "4 4"]) -> Pose3:
 def mirrored(pose: Pose3) -> Pose3:
     """A pose whose camera and world both have the y axis the other way, as renderings in left-handed axes."""
     return Pose3.from_rotation(_FLIP_Y @ pose.rotation @ _FLIP_Y, _FLIP_Y @ pose.position)
+
+
+def poses_at(
+    stamps: Float[np.ndarray, "n"],
+    others: Float[np.ndarray, "m"],
+    pose: Callable[[int], Pose3],
+) -> list[Callable[[], Pose3] | None]:
+    """Poses at the stamps of images: interpolated, or the nearest one within `ASSOCIATION_S`; None without one.
+
+    Args:
+        stamps: Of the images, s.
+        others: Of the poses, s, in any order.
+        pose: The pose of a number.
+    """
+    order = np.argsort(others, kind="stable")
+    ordered = others[order]
+    found: list[Callable[[], Pose3] | None] = []
+    for stamp in stamps:
+        after = int(np.searchsorted(ordered, stamp))
+        near = [k for k in (after - 1, after) if 0 <= k < len(ordered)]
+        inside = len(near) == 2 and ordered[after] != stamp
+        if inside and ordered[after] - ordered[after - 1] <= SPACING_S:
+            share = float((stamp - ordered[after - 1]) / (ordered[after] - ordered[after - 1]))
+            found.append(partial(_between, pose, int(order[after - 1]), int(order[after]), share))
+            continue
+        nearest = min(near, key=lambda k: abs(ordered[k] - stamp), default=None)
+        usable = nearest is not None and abs(ordered[nearest] - stamp) <= ASSOCIATION_S
+        found.append(partial(pose, int(order[nearest])) if usable else None)
+    return found
+
+
+def _between(pose: Callable[[int], Pose3], first: int, second: int, share: float) -> Pose3:
+    return between(pose(first), pose(second), share)
+
+
+def between(first: Pose3, second: Pose3, share: float) -> Pose3:
+    """The pose at a share of the way from one to another: along a line, turning at an even rate."""
+    ends = Rotation.from_matrix(np.stack([first.rotation, second.rotation]))
+    turned = Slerp([0.0, 1.0], ends)(share)
+    place = (1.0 - share) * first.position + share * second.position
+    return Pose3.from_rotation(turned.as_matrix(), place)
 
 
 def associate(

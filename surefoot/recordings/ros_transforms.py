@@ -13,9 +13,10 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from perception.primitives.pose import Pose3
+
+from .poses import between
 
 _SLACK_S = 0.1
 """Ours: so shortly before the first or after the last stamp, the nearest pose is used."""
@@ -120,9 +121,4 @@ class Transforms:
             nearest = min(after, len(stamps) - 1)
             return poses[nearest] if abs(stamps[nearest] - stamp_s) <= _SLACK_S else None
         first, last = stamps[after - 1], stamps[after]
-        a, b = poses[after - 1], poses[after]
-        share = (stamp_s - first) / (last - first)
-        turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([a.rotation, b.rotation])))(share)
-        return Pose3.from_rotation(
-            turn.as_matrix(), (1.0 - share) * a.position + share * b.position
-        )
+        return between(poses[after - 1], poses[after], (stamp_s - first) / (last - first))

@@ -1,10 +1,11 @@
 """TUM RGB-D benchmark folders, complete or thinned.
 
 Complete: `depth.txt` and `rgb.txt` list stamps and files (without these lists the file names are the stamps),
-`groundtruth.txt` has the poses; all are associated by time.
+`groundtruth.txt` has the poses; all are associated by time, poses between two of them.
 Thinned: only `depth/` and `rgb/`, and a line of `groundtruth.txt` for each image, see `folder.pose_lines`.
 Depth has 5000 units per metre, and 0 without depth. The intrinsics are those of the benchmark's page for its three
-cameras; the folder name selects the camera (freiburg1, fr1, ...), or a recording.toml gives them. World z is up.
+cameras; the folder name, or the comment of depth.txt that names the bag, selects the camera (freiburg1, fr1, ...), or a
+recording.toml gives them. World z is up.
 
 Source: Sturm et al., IROS 2012; cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats.
 """
@@ -12,6 +13,7 @@ Source: Sturm et al., IROS 2012; cvg.cit.tum.de/data/datasets/rgbd-dataset/file_
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -19,11 +21,20 @@ import numpy as np
 
 from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
+from perception.primitives.pose import Pose3
 
 from .description import EXAMPLE, Description, known_layout
 from .folder import FolderRecording, FrameFiles, depth_images, is_stamp, pair, pictures, pose_lines
 from .images import DepthUnit
-from .poses import ASSOCIATION_S, associate, pose_of_row, read_lines, read_tum
+from .poses import (
+    ASSOCIATION_S,
+    associate,
+    pose_of_row,
+    poses_at,
+    read_comments,
+    read_lines,
+    read_tum,
+)
 from .recording import RecordingInfo
 
 UNIT = DepthUnit(5000.0, (0,))
@@ -64,16 +75,18 @@ def open_tum(path: Path, description: Description | None = None) -> FolderRecord
 def _camera(path: Path, description: Description | None, remarks: list[str]) -> Camera:
     if description is not None and description.camera is not None:
         return description.camera
-    for folder in (path.resolve(), path.resolve().parent):
-        found = re.search(r"(?<![a-z])(?:freiburg|fr)([123])(?!\d)", folder.name.lower())
+    names = [f"folder name {folder.name}" for folder in (path.resolve(), path.resolve().parent)]
+    if (path / "depth.txt").is_file():
+        names += [f"comment {one!r} of depth.txt" for one in read_comments(path / "depth.txt")]
+    for name in names:
+        found = re.search(r"(?<![a-z])(?:freiburg|fr)([123])(?!\d)", name.lower())
         if found:
             remarks.append(
-                f"intrinsics of camera freiburg{found[1]} of the benchmark's page, chosen by the "
-                f"folder name {folder.name}"
+                f"intrinsics of camera freiburg{found[1]} of the benchmark's page, chosen by the {name}"
             )
             return CAMERAS[found[1]]
     raise RecordingError(
-        f"{path}: the folder name has no TUM camera (freiburg1, freiburg2, freiburg3); "
+        f"{path}: neither the folder name nor depth.txt has a TUM camera (freiburg1, freiburg2, freiburg3); "
         f"rename the folder or put a recording.toml beside the images with a table\n"
         f"{_camera_table()}"
     )
@@ -90,22 +103,21 @@ def _timed(path: Path, remarks: list[str]) -> list[FrameFiles]:
     colour_stamps, colours = _with_stamps(path, "rgb")
     if colours:
         colour_of = associate(stamps, colour_stamps)
-        _remark_unmatched(colour_of, "colour image", remarks)
-    pose_of = np.full(len(stamps), -1)
-    rows: list[tuple[float, ...]] = []
+        _remark_unmatched((colour_of >= 0).tolist(), "colour image", remarks)
+    poses: list[Callable[[], Pose3] | None] = [None] * len(stamps)
     if (path / "groundtruth.txt").is_file():
         pose_stamps, rows = read_tum(path / "groundtruth.txt")
-        pose_of = associate(stamps, pose_stamps)
-        _remark_unmatched(pose_of, "pose", remarks)
+        poses = poses_at(stamps, pose_stamps, lambda row: pose_of_row(rows[row]))
+        _remark_unmatched([pose is not None for pose in poses], "pose", remarks)
     return [
         FrameFiles(
             depth.name,
             float(stamp),
             depth,
             colours[colour] if colour >= 0 else None,
-            partial(pose_of_row, rows[pose]) if pose >= 0 else None,
+            pose,
         )
-        for stamp, depth, colour, pose in zip(stamps, depths, colour_of, pose_of, strict=True)
+        for stamp, depth, colour, pose in zip(stamps, depths, colour_of, poses, strict=True)
     ]
 
 
@@ -129,11 +141,11 @@ def _list(path: Path) -> tuple[np.ndarray, list[Path]]:
     return np.array(stamps), files
 
 
-def _remark_unmatched(matches: np.ndarray, what: str, remarks: list[str]) -> None:
-    unmatched = int((matches < 0).sum())
+def _remark_unmatched(matched: list[bool], what: str, remarks: list[str]) -> None:
+    unmatched = matched.count(False)
     if unmatched:
         remarks.append(
-            f"{unmatched} of {len(matches)} depth images have no {what} within {ASSOCIATION_S} s"
+            f"{unmatched} of {len(matched)} depth images have no {what} within {ASSOCIATION_S} s"
         )
 
 

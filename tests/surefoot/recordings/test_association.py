@@ -4,7 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from surefoot.recordings.poses import associate
+from perception.primitives.pose import Pose3
+from surefoot.recordings.poses import SPACING_S, associate, poses_at
 
 stamps = st.lists(st.integers(0, 300), max_size=25, unique=True).map(
     lambda ticks: np.array(ticks, dtype=float) * 0.004
@@ -44,3 +45,27 @@ def test_thousands_of_equal_stamps_take_little_memory():
     found = match[match >= 0]
     assert len(found) > 0
     assert len(set(found.tolist())) == len(found)
+
+
+def swung(at_s: float) -> Pose3:
+    """A hand that turns a camera by 1 rad/s about an oblique axis and moves it by .5 m/s."""
+    axis = np.array([1.0, 2.0, -2.0]) / 3.0
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    turn = np.eye(3) + np.sin(at_s) * cross + (1.0 - np.cos(at_s)) * cross @ cross  # Rodrigues
+    return Pose3.from_rotation(turn, 0.5 * at_s * axis)
+
+
+def test_a_pose_between_two_is_interpolated():
+    rng = np.random.default_rng(3)
+    others = rng.permutation(np.arange(0.0, 3.0, 0.03))
+    stamps = np.sort(rng.uniform(0.0, 2.9, 40))
+    for stamp, pose in zip(
+        stamps, poses_at(stamps, others, lambda k: swung(others[k])), strict=True
+    ):
+        np.testing.assert_allclose(pose().matrix, swung(stamp).matrix, atol=1e-9)
+
+
+def test_poses_far_apart_are_not_interpolated():
+    others = np.array([0.0, 1.01 * SPACING_S, 1.0])
+    found = poses_at(np.array([-0.03, -0.01, 0.01, 0.05, 0.1, 1.0, 1.03]), others, lambda k: k)
+    assert [pose and pose() for pose in found] == [None, 0, 0, None, 1, 2, None]

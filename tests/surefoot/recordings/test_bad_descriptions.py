@@ -22,7 +22,8 @@ def test_an_unknown_tum_camera_is_refused(tum, tmp_path):
     (tum / "recording.toml").unlink()
     shutil.move(tum, tmp_path / "mine")
     with pytest.raises(
-        RecordingError, match=r"the folder name has no TUM camera .*\n\[camera\]\nwidth = 640"
+        RecordingError,
+        match=r"neither the folder name nor depth.txt has a TUM camera .*\n\[camera\]\nwidth = 640",
     ):
         open_recording(tmp_path / "mine")
 

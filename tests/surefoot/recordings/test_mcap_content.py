@@ -120,6 +120,18 @@ def test_a_frame_of_wrong_content_never_ends_the_reading(make_frame, tmp_path):
     assert skipped > 60
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("topic", ["/tof/range", "/tof/amplitude", "/depth/image"])
+@pytest.mark.parametrize("units", [0.0, -1.0])
+def test_a_frame_whose_units_are_no_number_is_skipped(make_frame, tmp_path, topic, units):
+    good = [list(frame_messages(encode(make_frame(k)))) for k in range(2)]
+    bad = dict(copy.deepcopy(good[1]))
+    bad["/frame"]["units"][topic] = units
+    recording = write(tmp_path / "r.mcap", [good[0], list(bad.items())])
+    assert len(list(recording.frames())) == 1
+    assert len(recording.skipped) == 1
+
+
 @pytest.mark.parametrize("value", WRONG)
 def test_wrong_information_is_one_error(tmp_path, value):
     known = info_to_json(INFO)

@@ -68,6 +68,16 @@ def test_a_complete_tum_folder_is_associated_by_time(tum_listed):
     assert "1 of 4 depth images have no pose within 0.02 s" in recording.remarks
 
 
+def test_the_comment_of_a_list_tells_the_camera_of_a_renamed_folder(tum_listed, tmp_path):
+    (tum_listed / "recording.toml").unlink()
+    folder = tum_listed.rename(tmp_path / "mine")
+    text = (folder / "depth.txt").read_text()
+    (folder / "depth.txt").write_text("# file: 'rgbd_dataset_freiburg2_desk.bag'\n" + text)
+    assert any(
+        "camera freiburg2" in one and "desk.bag" in one for one in open_recording(folder).remarks
+    )
+
+
 def test_a_tum_folder_without_lists_uses_the_stamps_of_the_file_names(tum_listed):
     listed = [(f.stamp_s, f.T_world_camera) for f in open_recording(tum_listed).frames()]
     for name in ("depth.txt", "rgb.txt"):
