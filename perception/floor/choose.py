@@ -23,7 +23,7 @@ from ..primitives.plane import Plane
 from ..primitives.settings import setting
 from . import flow_chart, hough, ransac
 from .hough import HoughConfig
-from .prior import gate
+from .prior import HAND_HEIGHT_M, HAND_HEIGHT_SIGMA_M, gate, handheld_prior
 from .refine import LEAST_POINTS, Fit, RefineConfig, core_without_bend, fuse, mixed, refine
 from .sample import Sample, ScoreConfig, draw
 
@@ -42,6 +42,8 @@ KNOWN_TILT_DEG = 2.0  # ours: with a tilt prior as precise, nearby ramps are exc
 PLANES = 4  # ours: planes tried one after the other: ramp, landing, table, floor
 LEAST_CORE = 0.45  # ours: of a plane's points; noise of thrice the model leaves .49, ramps through stairs .32-.41
 FLANK = 0.5  # ours: what a point on the flanks costs once stairs are suspected; a ramp then scores below zero
+LOWER_SIGMAS = 3.0  # ours: of the expected height, by which another floor is lower
+HIGHEST_HAND_M = HAND_HEIGHT_M + HAND_HEIGHT_SIGMA_M  # ours: of a camera above the floor
 CONFIDENCE = 0.999  # ours: of the chi-square test against the prior
 DOUBT = 2.0
 """Ours: squared distance from the prior, in standard deviations, beyond which other planes are tried; one that is nearer by
@@ -153,6 +155,37 @@ def find(
         else:
             sample = sample.without(start, config.sample)
     return best
+
+
+def find_lower(
+    points: Points,
+    expected: Plane,
+    rng: np.random.Generator,
+    config: FloorConfig | None = None,
+    sensor: str | None = None,
+) -> Floor | None:
+    """The floor of a hand-held camera if it is clearly lower than that of the images before: that was a table.
+
+    An image that a table fills shows nothing below it. The lower plane must not be farther below the camera than a hand
+    holds one: the foot of a flight of stairs, seen from its top, is.
+
+    Args:
+        points, rng, config, sensor: As for `find`.
+        expected: By the images before, camera frame, with covariance.
+
+    Returns:
+        The lower floor; None if there is none, or the expected one is as weak as that of a first image.
+    """
+    if not _is_height_known(expected):
+        return None
+    least_m = expected.offset_m + LOWER_SIGMAS * math.sqrt(float(expected.covariance[2, 2]))
+    heights = points.xyz @ expected.normal
+    if least_m > HIGHEST_HAND_M or np.mean(heights < -least_m) < LEAST_SHARE:
+        return None
+    found = find(points, handheld_prior(expected.normal), rng, config, sensor)
+    if found is None or not least_m < found.plane.offset_m < HIGHEST_HAND_M:
+        return None
+    return found
 
 
 def _is_other(floor: Floor, best: Floor, sample: Sample, config: ScoreConfig) -> bool:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from ..floor.levelling import UP, rotation_between
 from ..floor.prior import handheld_prior
@@ -23,6 +25,9 @@ from .static_points import StaticPoints
 TILT_DEG = 4.0  # ours: the gravity direction of hand-held sets is good to 1-3 deg
 HEIGHT_M = 0.10  # ours: the floor must survive a pose jump of a few centimetres
 HEADING_DEG = 0.5  # ours: motion capture and SLAM
+CLOCK_S = 0.02
+"""Ours: by how much stamps of images and poses are off, without a common trigger; between TUM's first camera and its motion
+capture it is .025 s."""
 
 
 class GivenPoses:
@@ -37,6 +42,8 @@ class GivenPoses:
         self._R_map_world = None if up_world is None else rotation_between(np.array(up_world), UP)
         self._T_map_camera: Pose3 | None = None
         self._given: Pose3 | None = None
+        self._stamp_s = 0.0
+        self._motion = np.zeros(6)  # m/s and rad/s, axes of the recording's world
         self._floor: Plane | None = None  # the latest detected floor, map frame
 
     @property
@@ -46,9 +53,10 @@ class GivenPoses:
             return None
         ahead = self._T_map_camera.rotation[:, 2]
         x, y, _ = self._T_map_camera.translation
-        heading = math.radians(HEADING_DEG)
-        deviations = np.array([self._config.given_position_m] * 2 + [heading])
-        return Gaussian(np.array([x, y, math.atan2(ahead[1], ahead[0])]), np.diag(deviations**2))
+        assert self._R_map_world is not None
+        turn = np.kron(np.eye(2), self._R_map_world)
+        P = (turn @ self._covariance @ turn.T)[np.ix_((0, 1, 5), (0, 1, 5))]
+        return Gaussian(np.array([x, y, math.atan2(ahead[1], ahead[0])]), P)
 
     @property
     def T_map_origin(self) -> Pose3 | None:
@@ -61,13 +69,20 @@ class GivenPoses:
         """The given pose of the latest frame, in the recording's world; None for a frame without one."""
         if self._given is None:
             return None
-        heading = math.radians(HEADING_DEG)
-        own = np.diag([self._config.given_position_m**2] * 3 + [heading**2] * 3)
-        return CameraPose(self._given, np.zeros((6, 6)), own)
+        return CameraPose(self._given, np.zeros((6, 6)), self._covariance)
+
+    @property
+    def _covariance(self) -> Float[np.ndarray, "6 6"]:
+        """Of position and rotation, axes of the recording's world: that of the poses, and that of their stamps."""
+        deviations = [self._config.given_position_m] * 3 + [math.radians(HEADING_DEG)] * 3
+        late = CLOCK_S * self._motion
+        return np.diag(np.square(deviations)) + np.outer(late, late)
 
     def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
         """Take the pose of the frame."""
-        self._given = frame.T_world_camera
+        if frame.T_world_camera is not None:
+            self._motion = _motion(self._given, frame.T_world_camera, frame.stamp_s - self._stamp_s)
+        self._given, self._stamp_s = frame.T_world_camera, frame.stamp_s
         self._T_map_camera = None
         if self._given is not None and self._R_map_world is not None:
             upright = Pose3.from_rotation(self._R_map_world, np.zeros(3))
@@ -111,3 +126,11 @@ class GivenPoses:
         elif self._floor is None:
             return None
         return PlacedCamera(self._T_map_camera, floor or self.expected_floor(T_body_camera))
+
+
+def _motion(before: Pose3 | None, now: Pose3, seconds: float) -> Float[np.ndarray, "6"]:
+    """Mean velocity, m/s, and rate of turn, rad/s, from one pose to the next; 0 without one before."""
+    if before is None or seconds <= 0.0:
+        return np.zeros(6)
+    turned = Rotation.from_matrix(now.rotation @ before.rotation.T).as_rotvec()
+    return np.concatenate([now.position - before.position, turned]) / seconds

@@ -184,8 +184,11 @@ class Pipeline:
         reach = self.config.reach.of(sensor, depth.camera.width)
         cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
         expected = self.pose_source.expected_floor(depth.T_body_camera)
-        floor = choose.find(cloud, expected, self.rng, self.floor_config, sensor)
-        if floor is not None and depth.T_body_camera is not None:
+        search = cloud, expected, self.rng, self.floor_config, sensor
+        floor = choose.find(*search)
+        if depth.T_body_camera is None:
+            floor = choose.find_lower(*search) or floor
+        elif floor is not None:
             seen = floor.among_points
             spread = expected.covariance + seen.covariance
             self._floors.update(expected.error_to(seen)[:2], spread[:2, :2])

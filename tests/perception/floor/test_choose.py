@@ -10,7 +10,7 @@ from scipy import stats
 
 from perception.depth.distortion import Distortion, DistortionConfig
 from perception.depth.points import Points
-from perception.floor.choose import FloorConfig, find
+from perception.floor.choose import FloorConfig, find, find_lower
 from perception.floor.prior import handheld_prior, kinematic_prior
 from perception.primitives.errors import ConfigError
 from perception.primitives.plane import Plane
@@ -351,3 +351,27 @@ def test_stairs_are_treads_and_never_a_ramp(look, config, riser_m, tread_m, nois
         e = found.plane.error_to(tread)
         assert float(e @ np.linalg.solve(found.plane.covariance, e)) < stats.chi2.ppf(0.999, 3)
     assert floors >= 1
+
+
+def below(room, height_m):
+    """The plane that far below the camera of a room, as earlier images have it."""
+    up = room.T_body_camera.rotation.T @ np.array([0.0, 0.0, 1.0])
+    return Plane(up, height_m, np.diag([0.07**2, 0.07**2, 0.1**2]))
+
+
+def test_a_lower_floor_shows_that_the_expected_one_was_a_table(look, config):
+    room = look(0, height_m=1.5, pitch_deg=40.0, boxes=((0.3, 1.3, -0.8, 0.2, 0.7, 0.75),))
+    rng = np.random.default_rng(0)
+    assert np.mean(np.abs(room.height - 0.75) < 0.01) > 0.3
+    lower = find_lower(room.points, below(room, 0.75), rng, config)
+    angle, height = off(lower.plane, room.floor)
+    assert angle < 0.3
+    assert height < 5.0
+    assert find_lower(room.points, below(room, 1.5), rng, config) is None
+
+
+def test_the_foot_of_a_flight_is_not_the_floor_of_its_top(look, config):
+    top = ((-1.0, 1.3, -2.0, 2.0, 1.45, 1.5),)
+    room = look(0, height_m=2.9, pitch_deg=40.0, boxes=top)
+    assert np.mean(room.height < 0.01) > 0.1
+    assert find_lower(room.points, below(room, 1.4), np.random.default_rng(0), config) is None

@@ -51,3 +51,29 @@ def test_an_error_common_to_all_frames_does_not_shrink_over_a_recording():
         squares.append(float(error @ np.linalg.solve(fused.covariance, error)) / 3.0)
     assert max(squares) < 2.0
     assert squares[-1] == pytest.approx(squares[1], rel=0.3)
+
+
+def test_poses_by_another_clock_are_as_unsure_as_the_motion_makes_them():
+    """A hand that turns a camera by 60 deg/s and moves it by .5 m/s; the stamps are off by 20 ms."""
+    rng = np.random.default_rng(4)
+
+    def held(at_s):
+        turn = head_rotation(np.radians(60.0) * at_s, np.radians(30.0))
+        return Pose3.from_rotation(turn, np.array([0.5 * at_s, 0.0, 1.3]))
+
+    squares = []
+    for _ in range(300):
+        source = GivenPoses((0.0, 0.0, 1.0), PriorConfig())
+        late = rng.normal(0.0, 0.02)
+        for stamp in (0.0, 0.1):
+            source.update(Frame(stamp, T_world_camera=held(stamp + late)), ())
+        true = held(0.1)
+        ahead = true.rotation[:, 2]
+        error = source.pose.mean - [
+            true.position[0],
+            true.position[1],
+            np.arctan2(ahead[1], ahead[0]),
+        ]
+        error += rng.normal(0.0, [0.01, 0.01, np.radians(0.5)])
+        squares.append(error @ np.linalg.solve(source.pose.covariance, error) / 3.0)
+    assert 0.8 < np.mean(squares) < 1.25
