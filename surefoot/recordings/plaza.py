@@ -5,6 +5,7 @@ Source: Djugash, Singh, "Navigating with ranging radios" (Carnegie Mellon Univer
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,7 +61,19 @@ def read_plaza(path: Path) -> RangeLog:
     known = np.isin(ranges[:, 2].astype(np.int64), identities) & np.all(np.isfinite(ranges), axis=1)
     ranges = ranges[known]
     index = np.array([identities.index(int(row[2])) for row in ranges], np.int64)
+    truth = _facing_ahead(truth, odometry)
     return RangeLog(odometry, ranges[:, 0], index, ranges[:, 3], beacons[:, 1:3], truth)
+
+
+def _facing_ahead(
+    truth: Float[np.ndarray, "k 4"], odometry: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "k 4"]:
+    """The truth with headings of the front: in Plaza2 they are those of the back."""
+    way = np.diff(truth[:, 1:3], axis=0)
+    heading = truth[:-1, 3]
+    ahead = way[:, 0] * np.cos(heading) + way[:, 1] * np.sin(heading)
+    backwards = ahead.sum() * odometry[:, 1].sum() < 0.0
+    return truth + np.array([0.0, 0.0, 0.0, math.pi]) if backwards else truth
 
 
 def _table(path: Path, found: dict[str, np.ndarray], name: str) -> Float[np.ndarray, "n k"]:

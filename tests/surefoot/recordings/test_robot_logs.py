@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import gzip
 import shutil
+from pathlib import Path
 
+import gtsam
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -82,6 +84,32 @@ def test_two_places_of_one_number_are_refused(folder, tmp_path):
     savemat(tmp_path / "log.mat", tables)
     with pytest.raises(RecordingError, match="table TL: beacon 9 is listed 2 times"):
         read_plaza(tmp_path / "log.mat")
+
+
+@pytest.mark.parametrize("turned", [0.0, np.pi])
+@pytest.mark.parametrize("forward", [1.0, -1.0])
+def test_headings_of_the_truth_are_those_of_the_front(tmp_path, turned, forward):
+    heading = np.linspace(0.3, 2.0, 40)
+    step = forward * 0.1 * np.column_stack([np.cos(heading), np.sin(heading)])
+    place = np.cumsum(step, axis=0)
+    stamps = np.arange(40.0)
+    tables = {
+        "DR": np.column_stack([stamps, np.full(40, forward * 0.1), np.zeros(40)]),
+        "TD": np.array([[0.5, 0.0, 9.0, 2.0]]),
+        "TL": np.array([[9.0, 0.0, 1.0]]),
+        "GT": np.column_stack([stamps, place, heading + turned]),
+    }
+    savemat(tmp_path / "log.mat", tables)
+    off = read_plaza(tmp_path / "log.mat").truth[:, 3] - heading
+    np.testing.assert_allclose(np.cos(off), 1.0)
+
+
+def test_the_real_mower_of_plaza2_drives_ahead():
+    truth = read_plaza(Path(gtsam.findExampleDataFile("Plaza2_.mat"))).truth
+    way = np.diff(truth[:, 1:3], axis=0)
+    moves = np.hypot(*way.T) > 0.03
+    off = np.arctan2(way[:, 1], way[:, 0]) - truth[:-1, 3]
+    assert np.median(np.abs(np.angle(np.exp(1j * off[moves])))) < np.radians(5.0)
 
 
 def test_the_real_robots_measured_landmarks_and_each_other(recordings):
