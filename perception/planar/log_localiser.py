@@ -5,6 +5,9 @@ follows it, with the scales and the drift of the odometry, and scale and offset 
 and correlation times of the noise maximise the likelihood of the part of the log after the fix. If too many of the
 last sightings are rejected, the filter is locked out: the robot is lost again and waits for the next fix.
 
+A landmark whose sightings are rejected while those of the others fit is not where the map has it: somebody moved it, or the
+tags of two are exchanged. Its next sightings are ignored, and then some are tried again.
+
 The claim is at least as wide as the innovations: the covariance is multiplied by their NIS over its expectation, of
 many sightings or of the last three, where that is above one. Stamps of odometry and sightings that disagree make the
 pose unsure along its motion.
@@ -21,7 +24,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from ..filtering.consistency import chi_square_quantile
 from ..primitives.gaussian import Gaussian
@@ -36,6 +39,11 @@ MARGIN = 2.0  # ours: on the covariance; errors common to a direction show in no
 WINDOW = 20  # ours: last sightings that tell whether the filter is locked out
 LOCKED_OUT = 0.4  # ours: share of them that is rejected; 20 % of outliers exceed it once in a hundred windows
 TOO_SURE = 4.0 * MARGIN  # ours: median NIS of them over its expectation: errors twice the claim
+TRIED, MISPLACED = 8, 7
+"""Ours: last sightings of a landmark, and those of them whose rejection tells that it is elsewhere; outliers of 20 % seem so
+once in ten thousand sightings."""
+IN_PLACE = 0.2  # ours: share of the other landmarks' last sightings that may be rejected meanwhile
+IGNORED = 100  # ours: sightings of such a landmark before it is tried again
 LONGEST_S = 120.0  # ours: stretch of odometry that a fix bridges
 FIRST_PART = 600  # ours: sightings after a fix that tell the noise
 FIT_INTERVAL_S = 0.5  # ours: longest step of the odometry there; a longer one would cut corners
@@ -60,6 +68,7 @@ class LocalisedLog:
         rejected: (n,) share of the last sightings that the filter rejected; 0 while lost.
         fixes: Number of times that the pose was found.
         config: Noise after the last fix; None without one.
+        ignored: (l,) sightings of each landmark that were ignored because it is elsewhere.
         delay_s: Of the motion after its odometry.
         final: Last state of the filter, entries as in the kernels; None without a fix.
     """
@@ -71,6 +80,7 @@ class LocalisedLog:
     rejected: Float[np.ndarray, "n"]
     fixes: int
     config: PlanarConfig | None
+    ignored: Int[np.ndarray, "l"]
     delay_s: float
     final: Float[np.ndarray, "s"] | None
 
@@ -117,6 +127,7 @@ class _Localiser:
         self.filter: PlanarFilter | None = None
         self.places = {mark: (float(x), float(y)) for mark, (x, y) in enumerate(log.places)}
         self.nowhere = _nowhere(log)
+        self.ignored = np.zeros(len(log.places), np.int64)
         self._forget()
         self.since = 0
         self.next_try_s = 0.0
@@ -139,7 +150,7 @@ class _Localiser:
         covariances[~lost] += self._of_clocks(means)[~lost]
         final = None if self.filter is None else self.filter.state
         return LocalisedLog(
-            self.stamps, means, covariances, lost, rejected, self.fixes, self.config, self.delay_s, final
+            self.stamps, means, covariances, lost, rejected, self.fixes, self.config, self.ignored, self.delay_s, final
         )  # fmt: skip
 
     def _of_clocks(self, means: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
@@ -155,13 +166,18 @@ class _Localiser:
         assert self.filter is not None
         self.filter.predict(*self.journey.steps[i].tolist())
         for row in range(self.journey.first_row[i], self.journey.first_row[i + 1]):
-            seen = self.journey.seen[row]
-            used = self.filter.update(int(self.journey.marks[row]), seen)
+            seen, mark = self.journey.seen[row], int(self.journey.marks[row])
+            if self.elsewhere.get(mark, 0) > 0:
+                self.elsewhere[mark] -= 1
+                self.ignored[mark] += 1
+                continue
+            used = self.filter.update(mark, seen)
             freedom = 1 if math.isnan(seen[1]) else 2
             usual, now = (chi_square_quantile(one, freedom) for one in (0.5, SURPRISE))
-            self.marks.append((i, used, self.filter.nis / usual, self.filter.nis / now))
-        if self.journey.first_row[i] < self.journey.first_row[i + 1]:
-            self.rejected = float(np.mean([not used for _, used, *_ in self.marks]))
+            self.marks.append((i, used, self.filter.nis / usual, self.filter.nis / now, mark))
+            self._judge(mark, used)
+        if self.marks and self.journey.first_row[i] < self.journey.first_row[i + 1]:
+            self.rejected = float(np.mean([not one[1] for one in self.marks]))
             enough = len(self.marks) >= WINDOW // 2
             if enough:
                 self.usual = float(np.median([one[2] for one in self.marks]))
@@ -177,6 +193,18 @@ class _Localiser:
             self.filter, self.since = None, self.marks[0][0] if self.marks else i
             self.next_try_s = 0.0
             self._forget()
+
+    def _judge(self, mark: int, used: bool) -> None:
+        """Find out whether a landmark is elsewhere, by its sightings and those of the others."""
+        others = [one[1] for one in self.marks if one[4] != mark]
+        if len(others) < WINDOW // 4 or np.mean(others) < 1.0 - IN_PLACE:
+            return  # the filter may be wrong
+        tried = self.tried.setdefault(mark, deque(maxlen=TRIED))
+        tried.append(used)
+        if tried.count(False) >= MISPLACED:
+            self.elsewhere[mark] = IGNORED
+            tried.clear()
+            self.marks = deque((one for one in self.marks if one[4] != mark), maxlen=WINDOW)
 
     def _seek(self, i: int) -> None:
         """Look for the pose from the sightings since the robot is lost."""
@@ -239,7 +267,9 @@ class _Localiser:
 
     def _forget(self) -> None:
         """Begin to judge the filter anew."""
-        self.marks: deque[tuple[int, bool, float, float]] = deque(maxlen=WINDOW)
+        self.marks: deque[tuple[int, bool, float, float, int]] = deque(maxlen=WINDOW)
+        self.tried: dict[int, deque[bool]] = {}  # last sightings of each landmark: used or not
+        self.elsewhere: dict[int, int] = {}  # sightings of a landmark that are still to be ignored
         self.rejected, self.usual, self.inflation = 0.0, 1.0, 1.0
 
 

@@ -23,6 +23,7 @@ from .moment_recorder import EVERY_S
 from .summary import Say, Summary
 
 MOST_MOMENTS = 3000  # ours: interval of poses in estimates.mcap; logs last many minutes
+ELSEWHERE = 0.3  # ours: ignored share of a landmark's sightings for which it is named
 STATES_HEADER = ("stamp_s", "state", "sigma_position_m", "sigma_yaw_rad", "rejected_share")
 
 
@@ -62,7 +63,7 @@ def process_log(path: Path, config: Config, out: Path | None, say: Say) -> Summa
         len(found.stamps_s) - lost,
         float(found.stamps_s[-1] - found.stamps_s[0]),
         skipped={"the robot was lost": lost} if lost else {},
-        notes=_notes(found),
+        notes=_notes(found, read),
         lost=lost == len(found.stamps_s),
     )
     places = zip(read.identities, read.log.places.tolist(), strict=True)
@@ -120,8 +121,8 @@ def _write_moments(folder: RunFolder, found: LocalisedLog) -> None:
     writer.close(())
 
 
-def _notes(found: LocalisedLog) -> tuple[str, ...]:
-    """When the robot was lost, and the estimated errors of its odometry and sightings."""
+def _notes(found: LocalisedLog, read: RobotLog) -> tuple[str, ...]:
+    """When the robot was lost, landmarks that are not where the log has them, and the estimated errors of its odometry and sightings."""
     if found.fixes == 0:
         return ("LOST throughout: more than one pose stayed possible",)
     steps = np.append(np.diff(found.stamps_s), 0.0)
@@ -132,6 +133,16 @@ def _notes(found: LocalisedLog) -> tuple[str, ...]:
     ]
     if found.lost[-1]:
         notes.append("LOST at the end")
+    seen = np.bincount(read.log.marks, minlength=len(read.identities))
+    elsewhere = [
+        str(identity)
+        for identity, ignored, all_of in zip(read.identities, found.ignored, seen, strict=True)
+        if ignored > ELSEWHERE * all_of
+    ]
+    if elsewhere:
+        notes.append(
+            f"not where the log has them, and ignored: landmarks {', '.join(elsewhere)}; were they moved, or exchanged?"
+        )
     if found.final is not None and found.config is not None:
         state, config = found.final, found.config
         notes.append(

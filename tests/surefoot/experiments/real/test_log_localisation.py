@@ -93,3 +93,22 @@ def test_without_true_sightings_the_robot_is_lost_and_claims_nothing():
     assert found.config is None
     errors = LogErrors.of(found, drawn.truth)
     assert errors.squared.max() < 9.0
+
+
+@pytest.mark.parametrize("seed", [24, 25, 26])
+def test_landmarks_that_are_elsewhere_are_ignored(seed):
+    drawn = simulated_log(seed, ranges=False, seconds=150.0)
+    log = drawn.log
+    known = localise(log)
+    moved = np.argsort(np.bincount(log.marks, minlength=len(log.places)))[-2:]
+    places = log.places.copy()
+    places[moved] = places[moved[::-1]]
+    found = localise(dataclasses.replace(log, places=places))
+    errors = LogErrors.of(found, drawn.truth)
+    assert errors.lost_share < LogErrors.of(known, drawn.truth).lost_share + 0.1
+    assert errors.beyond_s <= 10.0
+    seen = np.bincount(log.marks, minlength=len(places))
+    assert np.all(found.ignored[moved] > 0.3 * seen[moved])
+    others = np.delete(np.arange(len(places)), moved)
+    assert found.ignored[others].sum() < 0.1 * seen[others].sum()
+    assert known.ignored.sum() < 0.05 * seen.sum()
