@@ -204,7 +204,9 @@ class _Localiser:
         if tried.count(False) >= MISPLACED:
             self.elsewhere[mark] = IGNORED
             tried.clear()
-            self.marks = deque((one for one in self.marks if one[4] != mark), maxlen=WINDOW)
+            left = [one for one in self.marks if one[4] != mark]
+            self.marks.clear()
+            self.marks.extend(left)
 
     def _seek(self, i: int) -> None:
         """Look for the pose from the sightings since the robot is lost."""
