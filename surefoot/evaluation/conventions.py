@@ -1,7 +1,8 @@
-"""Whether a trajectory was written by another convention than it was read by, as the truth tells.
+"""Whether a trajectory was written by another convention, or clock, than it was read by, as the truth tells.
 
 Estimate and truth may be of bodies that are rotated against each other, and have axes of their own. Once positions are
-aligned, the rotation between the bodies is constant, whatever it is; quaternions whose order is wrong make it vary.
+aligned, the rotation between the bodies is constant, whatever it is; quaternions whose order is wrong make it vary. Clocks that
+differ make it vary with the rate of turn.
 """
 
 from __future__ import annotations
@@ -16,6 +17,10 @@ from ..results.tables import Trajectory
 from .foreign_trajectory import EUROC, KITTI, TUM, ForeignTrajectory
 from .metrics.trajectory import LEAST_SPREAD_M, Alignment, align, distances, rms
 
+QUARTERS = 4  # ours: parts of a trajectory that must agree on the offset of the clocks
+LEAST_POSES = 40  # ours: for that
+TURNS = 10  # ours: alternations of that
+FITS = 0.85  # ours: share of the varying rotation that an offset of the clocks leaves at most
 CLEARLY = 3.0  # F test of two variances of 15 degrees of freedom each, five poses, at .9999
 
 
@@ -44,6 +49,43 @@ def doubt(
                 f"{error_m:.3f} m. Poses of the body in the world were expected; invert them"
             )
     return _order(estimate, truth, found, true, aligned)
+
+
+def clock_doubt(truth: ForeignTrajectory, found: Trajectory, true: Trajectory) -> str:
+    """By how much the clocks seem to differ; empty if that explains little.
+
+    The rotation between the bodies then varies with the rate of turn, alike in all parts of the trajectory.
+
+    Args:
+        truth: Its file.
+        found, true: Poses at the same instants.
+    """
+    if not truth.has_stamps or len(true) < LEAST_POSES:
+        return ""
+    mine, turned = (Rotation.from_quat(one.quats_xyzw) for one in (found, true))
+    seconds = (true.stamps[2:] - true.stamps[:-2])[:, None]
+    rate = (turned[:-2].inv() * turned[2:]).as_rotvec() / seconds
+    body = Rotation.identity()
+    for _ in range(TURNS):  # the axes, and the bodies in them
+        axes = (turned * body.inv() * mine.inv()).mean()
+        body = ((axes * mine).inv() * turned).mean()
+    rest = (body.inv() * (axes * mine).inv() * turned).as_rotvec()[1:-1].ravel()
+    small = np.concatenate(
+        [np.tile(np.eye(3), (len(rate), 1, 1)), turned[1:-1].inv().as_matrix()], 2
+    )
+    known = small.reshape(-1, 6)  # what small errors of body and axes would make of it
+    late = np.column_stack([known, rate.ravel()])
+    fits = [np.linalg.lstsq(one, rest, rcond=1e-6)[0] for one in (known, late)]
+    left = [(rest - one @ fit).reshape(-1, 3) for one, fit in zip((known, late), fits, strict=True)]
+    before, after = (rms(np.linalg.norm(one, axis=1)) for one in left)
+    parts = [[float(np.sum(part**2)) for part in np.array_split(one, QUARTERS)] for one in left]
+    if after > FITS * before or np.any(np.greater(parts[1], parts[0])):
+        return ""
+    late_s = float(fits[1][-1])
+    return (
+        f"the clock of {truth.source}: if its stamps were {1e3 * abs(late_s):.0f} ms {'later' if late_s > 0.0 else 'earlier'}, "
+        f"rotations would differ by {np.degrees(after):.2f} deg, not {np.degrees(before):.2f} deg. Correct them if the clocks are not the same"
+    )
 
 
 def _order(

@@ -18,7 +18,7 @@ from perception.filtering.consistency import band, calibration
 from perception.primitives.errors import InputError
 
 from ..results.tables import Trajectory
-from .conventions import doubt
+from .conventions import clock_doubt, doubt
 from .foreign_covariance import PLANAR, POSITION, SPACE, Claims, read_claims
 from .foreign_trajectory import ForeignTrajectory, pairs, read_trajectory
 from .metrics import calibration as scores
@@ -125,8 +125,9 @@ def judge(
         **({"left_out": left_out} if left_out else {}),
         **accuracy(found, true),
     }
-    if doubtful := doubt(estimate, truth, found, true):
-        metrics["doubt"] = doubtful
+    doubtful = doubt(estimate, truth, found, true)
+    if words := doubtful or clock_doubt(truth, found, true):
+        metrics["doubt"] = words
     shown = _in_truth(found, true, same_axes)
     if claims is None:
         metrics["note"] = "no covariances given: accuracy only"

@@ -474,6 +474,37 @@ def test_no_convention_is_doubted_because_of_large_errors(tmp_path, sigma):
         assert "doubt" not in judge_files(found, None, truth).metrics
 
 
+@pytest.mark.parametrize("late_s", [0.03, -0.03, 0.0])
+def test_a_clock_that_differs_is_doubted(tmp_path, late_s):
+    """A hand that turns a camera to and fro at up to 1 rad/s; poses on another body, with noise of .2 deg."""
+    mount = Pose3.from_rotation(Rotation.from_rotvec([0.2, -0.3, 0.1]).as_matrix(), np.zeros(3))
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        phases = rng.uniform(0.0, 6.0, 3)
+        stamps = np.arange(300) / 30.0
+
+        def held(at_s, phases=phases):
+            turns = Rotation.from_rotvec(0.5 * np.sin(2.0 * at_s[:, None] + phases))
+            place = 0.3 * np.sin(at_s[:, None] + phases[::-1])
+            return [Pose3.from_rotation(*one) for one in zip(turns.as_matrix(), place, strict=True)]
+
+        noise = Rotation.from_rotvec(rng.normal(0.0, np.radians(0.2), (300, 3))).as_matrix()
+        found = [
+            Pose3.from_rotation(one.rotation @ turn, one.position) @ mount
+            for one, turn in zip(held(stamps), noise, strict=True)
+        ]
+        truth = tum(tmp_path / "true.txt", stamps, held(stamps + late_s))
+        words = judge_files(tum(tmp_path / "found.txt", stamps, found), None, truth).metrics.get("doubt", "")  # fmt: skip
+        assert words == "" or late_s != 0.0
+        if late_s:
+            assert (
+                "stamps were 30 ms" in words
+                or "stamps were 31 ms" in words
+                or "stamps were 29 ms" in words
+            )
+            assert f" ms {'later' if late_s > 0.0 else 'earlier'}" in words
+
+
 def test_a_wrong_order_of_quaternions_is_not_taken_for_a_rotated_body(tmp_path):
     found, covariances, truth = Walk(0).write(tmp_path)
     wrong = with_scalar_first(found, tmp_path)
