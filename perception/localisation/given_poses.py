@@ -27,7 +27,7 @@ HEIGHT_M = 0.10  # ours: the floor must survive a pose jump of a few centimetres
 HEADING_DEG = 0.5  # ours: motion capture and SLAM
 CLOCK_S = 0.02
 """Ours: by how much stamps of images and poses are off, without a common trigger; between TUM's first camera and its motion
-capture it is .025 s."""
+capture it is about that."""
 
 
 class GivenPoses:
