@@ -175,6 +175,8 @@ def find_lower(
 
     Returns:
         The lower floor; None if there is none, or the expected one is as weak as that of a first image.
+
+    Source: ours.
     """
     if not _is_height_known(expected):
         return None

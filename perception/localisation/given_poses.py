@@ -42,7 +42,7 @@ class GivenPoses:
         self._R_map_world = None if up_world is None else rotation_between(np.array(up_world), UP)
         self._T_map_camera: Pose3 | None = None
         self._given: Pose3 | None = None
-        self._stamp_s = 0.0
+        self._before: tuple[float, Pose3] | None = None  # the latest given pose and its stamp, s
         self._motion = np.zeros(6)  # m/s and rad/s, axes of the recording's world
         self._floor: Plane | None = None  # the latest detected floor, map frame
 
@@ -80,9 +80,12 @@ class GivenPoses:
 
     def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
         """Take the pose of the frame."""
-        if frame.T_world_camera is not None:
-            self._motion = _motion(self._given, frame.T_world_camera, frame.stamp_s - self._stamp_s)
-        self._given, self._stamp_s = frame.T_world_camera, frame.stamp_s
+        self._given = frame.T_world_camera
+        if self._given is not None:
+            if self._before is not None and frame.stamp_s > self._before[0]:
+                before_s, before = self._before
+                self._motion = _motion(before, self._given, frame.stamp_s - before_s)
+            self._before = frame.stamp_s, self._given
         self._T_map_camera = None
         if self._given is not None and self._R_map_world is not None:
             upright = Pose3.from_rotation(self._R_map_world, np.zeros(3))
@@ -128,9 +131,7 @@ class GivenPoses:
         return PlacedCamera(self._T_map_camera, floor or self.expected_floor(T_body_camera))
 
 
-def _motion(before: Pose3 | None, now: Pose3, seconds: float) -> Float[np.ndarray, "6"]:
-    """Mean velocity, m/s, and rate of turn, rad/s, from one pose to the next; 0 without one before."""
-    if before is None or seconds <= 0.0:
-        return np.zeros(6)
+def _motion(before: Pose3, now: Pose3, seconds: float) -> Float[np.ndarray, "6"]:
+    """Mean velocity, m/s, and rate of turn, rad/s, from one pose to another, axes of their world."""
     turned = Rotation.from_matrix(now.rotation @ before.rotation.T).as_rotvec()
     return np.concatenate([now.position - before.position, turned]) / seconds

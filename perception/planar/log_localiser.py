@@ -43,7 +43,6 @@ TRIED, MISPLACED = 8, 7
 """Ours: last sightings of a landmark, and those of them whose rejection tells that it is elsewhere; outliers of 20 % seem so
 once in ten thousand sightings."""
 IN_PLACE = 0.2  # ours: share of the other landmarks' last sightings that may be rejected meanwhile
-MOST_ELSEWHERE = 0.25  # ours: share of the landmarks that may be elsewhere; of more, the filter is
 IGNORED = 100  # ours: sightings of such a landmark before it is tried again
 LONGEST_S = 120.0  # ours: stretch of odometry that a fix bridges
 FIRST_PART = 600  # ours: sightings after a fix that tell the noise
@@ -184,9 +183,7 @@ class _Localiser:
                 self.usual = float(np.median([one[2] for one in self.marks]))
                 now = float(np.median([one[3] for one in list(self.marks)[-RECENT:]]))
                 self.inflation = max(1.0, self.usual, now)
-        elsewhere = sum(left > 0 for left in self.elsewhere.values())
         locked_out = self.rejected > LOCKED_OUT or self.usual > TOO_SURE
-        locked_out = locked_out or elsewhere > MOST_ELSEWHERE * len(self.places)
         wide = (
             float(np.max(np.diag(self.filter.pose.covariance)[:2]))
             > self.nowhere.covariance[0, 0] / 4.0

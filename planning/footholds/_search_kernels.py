@@ -154,8 +154,12 @@ def is_below(
         away = away or y + reach < boxes[j, 1] or y - reach > boxes[j, 3]
         if j == on or away:
             continue
+        rise = rise_to(planes, on, j, x, y)
+        steeper = math.hypot(planes[j, 5] - planes[on, 5], planes[j, 6] - planes[on, 6])
+        if rise + steeper * reach < ABOVE_M:
+            continue  # nowhere on the sole
         first, last = int(planes[j, 0]), int(planes[j, 1])
-        if rise_to(planes, on, j, x, y) >= ABOVE_M and inside(sides, first, last, x, y):
+        if rise >= ABOVE_M and inside(sides, first, last, x, y):
             return True
         for i in range(first, last):  # whether a side crosses the sole
             for k in range(2):

@@ -51,16 +51,20 @@ def doubt(
     return _order(estimate, truth, found, true, aligned)
 
 
-def clock_doubt(truth: ForeignTrajectory, found: Trajectory, true: Trajectory) -> str:
+def clock_doubt(
+    estimate: ForeignTrajectory, truth: ForeignTrajectory, found: Trajectory, true: Trajectory
+) -> str:
     """By how much the clocks seem to differ; empty if that explains little.
 
     The rotation between the bodies then varies with the rate of turn, alike in all parts of the trajectory.
 
     Args:
-        truth: Its file.
-        found, true: Poses at the same instants.
+        estimate, truth: The files.
+        found, true: Their poses at the same instants.
+
+    Source: ours.
     """
-    if not truth.has_stamps or len(true) < LEAST_POSES:
+    if not (estimate.has_stamps and truth.has_stamps) or len(true) < LEAST_POSES:
         return ""
     mine, turned = (Rotation.from_quat(one.quats_xyzw) for one in (found, true))
     seconds = (true.stamps[2:] - true.stamps[:-2])[:, None]

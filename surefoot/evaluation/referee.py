@@ -126,7 +126,7 @@ def judge(
         **accuracy(found, true),
     }
     doubtful = doubt(estimate, truth, found, true)
-    if words := doubtful or clock_doubt(truth, found, true):
+    if words := doubtful or clock_doubt(estimate, truth, found, true):
         metrics["doubt"] = words
     shown = _in_truth(found, true, same_axes)
     if claims is None:

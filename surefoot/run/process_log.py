@@ -122,7 +122,7 @@ def _write_moments(folder: RunFolder, found: LocalisedLog) -> None:
 
 
 def _notes(found: LocalisedLog, read: RobotLog) -> tuple[str, ...]:
-    """When the robot was lost, landmarks that are not where the log has them, and the estimated errors of its odometry and sightings."""
+    """When the robot was lost, landmarks that are elsewhere, and the estimated errors of its odometry and sightings."""
     if found.fixes == 0:
         return ("LOST throughout: more than one pose stayed possible",)
     steps = np.append(np.diff(found.stamps_s), 0.0)

@@ -53,7 +53,8 @@ def test_an_error_common_to_all_frames_does_not_shrink_over_a_recording():
     assert squares[-1] == pytest.approx(squares[1], rel=0.3)
 
 
-def test_poses_by_another_clock_are_as_unsure_as_the_motion_makes_them():
+@pytest.mark.parametrize("given_at_s", [(0.0, 0.1), (-0.1, 0.0, None, 0.1)])
+def test_poses_by_another_clock_are_as_unsure_as_the_motion_makes_them(given_at_s):
     """A hand that turns a camera by 60 deg/s and moves it by .5 m/s; the stamps are off by 20 ms."""
     rng = np.random.default_rng(4)
 
@@ -65,8 +66,9 @@ def test_poses_by_another_clock_are_as_unsure_as_the_motion_makes_them():
     for _ in range(300):
         source = GivenPoses((0.0, 0.0, 1.0), PriorConfig())
         late = rng.normal(0.0, 0.02)
-        for stamp in (0.0, 0.1):
-            source.update(Frame(stamp, T_world_camera=held(stamp + late)), ())
+        for stamp in given_at_s:  # None: a frame without a pose
+            pose = None if stamp is None else held(stamp + late)
+            source.update(Frame(0.05 if stamp is None else stamp, T_world_camera=pose), ())
         true = held(0.1)
         ahead = true.rotation[:, 2]
         error = source.pose.mean - [

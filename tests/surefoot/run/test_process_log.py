@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.io import savemat
 
+from perception.planar.log_localiser import LocalisedLog
 from perception.primitives.errors import RecordingError
 from surefoot.config.schema import Config
 from surefoot.experiments.real.simulated_logs import simulated_log
@@ -14,6 +17,7 @@ from surefoot.recordings.robot_log import open_robot_log, robot_files
 from surefoot.results.moments import read_moments
 from surefoot.results.run_folder import RunFolder
 from surefoot.run.process import process
+from surefoot.run.process_log import _notes
 from surefoot.store.query import asker
 
 
@@ -74,6 +78,19 @@ def test_a_log_without_a_fix_is_lost_throughout_and_fails(beacons, tmp_path):
     assert not summary.succeeded
     assert summary.notes == ("LOST throughout: more than one pose stayed possible",)
     assert set(RunFolder(summary.folder).read_csv("states.csv").words("state")) == {"lost"}
+
+
+def test_landmarks_that_were_mostly_ignored_are_named(beacons):
+    read = open_robot_log(beacons)
+    seen = np.bincount(read.log.marks)
+    found = LocalisedLog(
+        read.log.stamps_s, np.zeros((len(read.log.stamps_s), 3)), np.zeros((len(read.log.stamps_s), 3, 3)),
+        np.zeros(len(read.log.stamps_s), bool), np.zeros(len(read.log.stamps_s)), 1, None, seen * 0, 0.0, None,
+    )  # fmt: skip
+    assert not any("landmarks" in note for note in _notes(found, read))
+    ignored = seen * np.array([k == 1 for k in range(len(seen))])
+    (note,) = (n for n in _notes(replace(found, ignored=ignored), read) if "landmarks" in n)
+    assert f"landmarks {read.identities[1]};" in note
 
 
 def test_the_robots_of_a_folder_are_logs_of_their_own(tmp_path):
