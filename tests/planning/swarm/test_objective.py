@@ -13,6 +13,7 @@ from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.pose import Pose2, Pose3, head_rotation
 from perception.primitives.robot_model import DARWIN_OP
 from planning.swarm import search
+from planning.swarm._objective_kernels import between_blocked
 from planning.swarm.floor_rows import FloorRows, upright
 from planning.swarm.objective import PRINTED, Objective, ObjectiveConfig
 
@@ -195,6 +196,21 @@ def test_an_obstacle_between_the_edges_of_the_corridor_blocks_it(radius, ahead, 
     direction = place / np.linalg.norm(place)
     passed = min(max(float(direction @ [ahead, left]), 0.0), float(np.linalg.norm(place)))
     assert np.linalg.norm(passed * direction - [ahead, left]) > radius + DARWIN_OP.width_m / 2
+
+
+def test_pixels_between_two_lines_are_counted_where_the_lines_leave_the_picture():
+    rng = np.random.default_rng(0)
+    answers = []
+    for _ in range(300):
+        blocked = rng.random((12, 16)) < 0.02
+        integral = np.pad(np.cumsum(np.cumsum(blocked, 0), 1), ((1, 0), (1, 0)))
+        (a, c), (b, d) = np.sort(rng.uniform(-12.0, 28.0, 2)), rng.uniform(-1.0, 1.0, 2)
+        first = rng.uniform(-1.0, 11.0)
+        v, u = np.mgrid[0:12, 0:16]
+        inside = (np.floor(a + b * v + 0.5) <= u) & (u <= np.floor(c + d * v + 0.5)) & (v >= first)
+        answers.append((blocked & inside).any())
+        assert between_blocked(integral, a, b, c, d, first) == answers[-1]
+    assert 50 < sum(answers) < 250
 
 
 def test_a_place_beyond_the_turn_of_four_steps_is_forbidden():
