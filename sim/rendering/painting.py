@@ -17,7 +17,7 @@ from ..scene import Extent, FloorArea, Scene
 from ..shapes import Patch, Shape, Solid, outline, patches
 from .renderer import TexturedMesh
 from .surfaces import floor_patch
-from .textures import paint, times
+from .textures import paint, shaded
 
 FLOOR_RESOLUTION_M = 0.0016  # ours: a stereo pixel at 0.9 m; finer costs start-up time
 SURFACE_RESOLUTION_M = 0.002  # ours
@@ -138,8 +138,7 @@ def _lit(patch: Patch, rng: np.random.Generator, px_m: float) -> UInt8[np.ndarra
         top = float(patch.vertices[:, 2].max())
         above = np.maximum(top - (np.arange(height) + 0.5) / height * patch.size_m[1], 0.0)
         light = light * (1.0 - 0.35 * np.exp(-above / 0.12))[:, None]
-    lit = times(image.astype(np.float32), light.astype(np.float32))
-    return np.clip(lit, 0, 255, out=lit).astype(np.uint8)
+    return shaded(image, light.astype(np.float32))
 
 
 def _floor_image(
@@ -159,9 +158,7 @@ def _floor_image(
         if min(wide) < 1:  # less than a pixel inside
             continue
         image[rows, columns] = cv2.resize(piece, wide, interpolation=cv2.INTER_LINEAR)
-    shade = _contact_shade(scene.extent, standing, size)
-    lit = times(image.astype(np.float32), shade)
-    return np.clip(lit, 0, 255, out=lit).astype(np.uint8)
+    return shaded(image, _contact_shade(scene.extent, standing, size))
 
 
 def _limited_resolution(size_m: tuple[float, float], px_m: float) -> float:

@@ -42,6 +42,7 @@ PALETTE: dict[str, tuple[int, int, int]] = {
     "lime": (150, 190, 60),
 }
 
+BAND_ROWS = 64  # ours: rows of an image that stay in the processor's cache
 TAG_MODULES = 6  # DICT_4X4_250: 4 x 4 bits in a black frame of one module
 MOST_TAGS = 250  # of the dictionary; its first fifty are those of DICT_4X4_50
 TAG_MARGIN_MODULES = 1  # white margin on the plate
@@ -77,9 +78,22 @@ def paint(
 
 
 def times(image: Image, factor: Float32[np.ndarray, "h w"]) -> Image:
-    """The image, every pixel times its factor; several times faster than by broadcasting over three colours."""
-    lit = cv2.merge([factor, factor, factor])
-    return np.asarray(cv2.multiply(image, lit, lit))
+    """Every pixel of the image times its factor, in place; several times faster than by broadcasting over three colours."""
+    for first in range(0, len(image), BAND_ROWS):
+        band, by = image[first : first + BAND_ROWS], factor[first : first + BAND_ROWS]
+        cv2.multiply(band, cv2.merge([by, by, by]), band)
+    return image
+
+
+def shaded(
+    image: UInt8[np.ndarray, "h w 3"], light: Float32[np.ndarray, "h w"]
+) -> UInt8[np.ndarray, "h w 3"]:
+    """The image under light of that strength, in place; in bands of rows, as four floats a pixel are much memory."""
+    for first in range(0, len(image), BAND_ROWS):
+        rows = slice(first, first + BAND_ROWS)
+        lit = times(image[rows].astype(np.float32), light[rows])
+        image[rows] = np.clip(lit, 0, 255, out=lit)
+    return image
 
 
 def noise(
@@ -110,9 +124,9 @@ def noise(
         feature /= 2
         if feature < max(finest_m, metres_per_px) or (rows, columns) == shape:
             break
-    total = cv2.resize(total, (width, height), interpolation=cv2.INTER_LINEAR)
-    centred = total - total.mean()
-    return np.asarray(centred / max(float(np.sqrt(np.mean(centred**2))), 1e-6), dtype=np.float32)
+    total = np.asarray(cv2.resize(total, (width, height), interpolation=cv2.INTER_LINEAR))
+    centred = np.subtract(total, total.mean(), out=total)
+    return np.divide(centred, max(float(np.sqrt(np.mean(centred**2))), 1e-6), out=centred)
 
 
 def _plain(image: Image, px_m: float, rng: np.random.Generator) -> Image:
@@ -147,7 +161,11 @@ def _fabric(image: Image, px_m: float, rng: np.random.Generator) -> Image:
 def _wood(image: Image, px_m: float, rng: np.random.Generator) -> Image:
     veins = noise(image.shape[:2], px_m, rng, 0.03, stretch=10.0)
     pores = noise(image.shape[:2], px_m, rng, 0.06, stretch=2.0)
-    return times(image, 1 + 0.10 * veins + 0.08 * pores)
+    veins *= np.float32(0.10)
+    pores *= np.float32(0.08)
+    veins += 1.0
+    veins += pores
+    return times(image, veins)
 
 
 def _planks(image: Image, px_m: float, rng: np.random.Generator) -> Image:
