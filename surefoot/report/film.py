@@ -60,6 +60,7 @@ def film(run: RunFolder, out: Path) -> Path:
         os.replace(part, out)
         out.with_suffix(".json").write_text(json.dumps(_about(run, frames), indent=1) + "\n")
     except OSError as error:
+        part.unlink(missing_ok=True)
         raise OutputError(f"cannot write {out}: {error.strerror}; choose another --out") from error
     return out
 
@@ -92,9 +93,13 @@ def _write_animation(path: Path, frames: Sequence[np.ndarray]) -> int:
     animation: Any = cv2.Animation()
     animation.frames = list(frames)
     animation.durations = np.array([FRAME_MS] * (len(frames) - 1) + [LAST_MS])
-    if not cv2.imwriteanimation(str(path), animation, [cv2.IMWRITE_WEBP_QUALITY, QUALITY]):
-        raise OSError(errno.EIO, "the picture cannot be encoded")
-    return path.stat().st_size
+    if cv2.imwriteanimation(str(path), animation, [cv2.IMWRITE_WEBP_QUALITY, QUALITY]):
+        with path.open("rb") as file:
+            size = int.from_bytes(file.read(8)[4:], "little") + 8  # as its header says
+        if path.stat().st_size >= size:
+            return size
+    path.write_bytes(bytes(LARGEST_BYTES))  # the system says why, OpenCV does not
+    raise OSError(errno.EIO, "the picture cannot be encoded")
 
 
 def _frames(

@@ -105,6 +105,24 @@ def test_a_folder_that_is_not_there_is_named(tmp_path):
         film(run, tmp_path / "nowhere" / "walk.webp")
 
 
+@pytest.mark.parametrize("said", [True, False])
+def test_a_full_disk_is_named_and_leaves_the_former_film(tmp_path, monkeypatch, said):
+    """/dev/full takes no byte; OpenCV may say that all is written."""
+
+    def on_full_disk(path, *_):
+        Path(path).unlink()
+        Path(path).symlink_to("/dev/full")
+        return said
+
+    monkeypatch.setattr(cv2, "imwriteanimation", on_full_disk)
+    out = tmp_path / "walk.webp"
+    out.write_bytes(b"former")
+    with pytest.raises(OutputError, match="No space left on device"):
+        film(run_of(tmp_path, [moment(k, 3) for k in range(3)]), out)
+    assert out.read_bytes() == b"former"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run", "walk.webp"]
+
+
 @pytest.mark.parametrize("name", ["walk", "climb"])
 def test_the_films_of_the_documentation_are_of_this_version_and_below_three_megabytes(name):
     about = json.loads((DOCS / f"{name}.json").read_text())
