@@ -1,7 +1,7 @@
 """Perception: which obstacles, floor and poses there are, with their uncertainty.
 
 Read in this order: `primitives` (shared values), `depth` (each depth sensor to depth with a standard deviation per
-pixel), `floor` (the ground plane and the classes of points), `terrain` (plane regions, ramps, stairs), `obstacles` (clusters, detections, tracks),
+pixel), `monitoring` (what contradicts what), `floor` (the ground plane and the classes of points), `terrain` (plane regions, ramps, stairs), `obstacles` (clusters, detections, tracks),
 `filtering` (the unscented Kalman filter, its models and consistency), `localisation` (the pose of the robot),
 `features` (image features for matching), `odometry` (the trajectory of a handheld RGB-D camera), `smoothing`
 (factor graphs), `planar` (wheeled robots), `monocular` (floor and obstacles by one camera), `estimate` (the

@@ -11,7 +11,7 @@ Functions on NumPy arrays: `find_floor`, `find_regions`, `find_stairs`, `find_ob
 `panorama`, `monocular`, `evaluate`, which return a `Run`.
 
 Plug-ins, by class or as "package.module:Class": `Planner` (gives a `Decision` of `WalkCommand` and `GazeCommand`),
-`GazePolicy`, `MotionModel` (gives an `Innovation`), `DepthSource`, `Recording` (with `RecordingInfo`). `examples/` has one of each.
+`GazePolicy`, `MotionModel` (takes a `Detection`, gives an `Innovation`), `DepthSource`, `Recording` (with `RecordingInfo`). `examples/` has one of each.
 
 Lengths are in m, angles in rad, time in s. Body and map frames have z up, x ahead and y left; camera frames x
 right, y down, z ahead. `T_a_b` maps points of frame b to frame a.

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import click
 
-from .options import out_option
+from .options import PATH
 from .terminal import open_in_browser, progress
 
 WALK = "quickstart"  # folder in the package: recording.mcap, truth/, and walk.toml, which makes them again
-DEFAULT_OUT = Path("runs") / "quickstart"
 
 
 @click.command()
-@out_option
-def quickstart(out: Path | None) -> None:
+@click.option("--out", type=PATH, default=Path("runs") / "quickstart", show_default=True,
+              help="Output folder; an older run there is replaced.")  # fmt: skip
+def quickstart(out: Path) -> None:
     """See a first result: process the recording that ships in the package, and open its page.
 
     A robot in a furnished room looks round and makes its first steps. Its sensors give poses, floor, obstacles and a
@@ -34,7 +34,7 @@ def quickstart(out: Path | None) -> None:
     from ..run.process import process
 
     with resources.as_file(resources.files("surefoot") / WALK) as walk, progress() as say:
-        summary = process(walk, None, load(None, ()), out or DEFAULT_OUT, say)
+        summary = process(walk, None, load(None, ()), out, say)
     folder = RunFolder(summary.folder)
     page = folder.path("report.html")
     click.echo("\n".join([*summary.lines(), _errors(folder.read_json("metrics.json") or {})]))

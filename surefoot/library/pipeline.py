@@ -124,7 +124,7 @@ class Pipeline:
             camera: Intrinsics of the depth, range or stereo images.
             scale_per_metre: Units per metre of integer depth or range.
             range_m: (h, w), range along the ray of a time-of-flight camera, m; same rules.
-            amplitude: (h, w), of the return, without unit.
+            amplitude: (h, w), of the return; 1 is that of a white target 2 m straight ahead. None: noise by range alone.
             left, right: (h, w), uint8, a stereo pair; grey or RGB.
             baseline_m: Distance of the pair, m.
             rgb: (h, w, 3), uint8, red first.

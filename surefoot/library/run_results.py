@@ -213,7 +213,7 @@ class Run:
 
     @cached_property
     def layers(self) -> dict[str, np.ndarray]:
-        """Of `surefoot.map`: elevation, slope, step, traversability, (rows, columns); else empty."""
+        """Of `surefoot.map`: arrays of layers.npz by name (docs/outputs.md), such as elevation and traversability; else empty."""
         if not self._files.has("layers.npz"):
             return {}
         return load_layers(self.path("layers.npz"))

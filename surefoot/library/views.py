@@ -45,7 +45,7 @@ def range_view(
 
     Args:
         range_m: (h, w), along the ray, m; integers need `scale_per_metre`.
-        amplitude: (h, w), of the return, without unit.
+        amplitude: (h, w), of the return; 1 is that of a white target 2 m straight ahead.
         camera, scale_per_metre, T_body_camera: As for `depth_view`.
 
     Raises:

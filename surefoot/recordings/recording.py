@@ -35,7 +35,7 @@ class RecordingInfo:
     Args:
         name: Name in titles and tables.
         kind: Format: "mcap", "rosbag", "tum", "icl_nuim", "seven_scenes", "redwood", "replica", "euroc",
-            "plain" or "pcd"; "simulation" for a live run.
+            "stereo", "plain" or "pcd"; "simulation" for a live run.
         poses_given: Whether frames have `T_world_camera`.
         frames: Number of frames, readable or not; None if unknown.
         landmarks: Known landmarks, world frame.

@@ -7,6 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from perception.monitoring.status import LOST
+from surefoot.recordings import description
+from surefoot.run.frame_watch import GAP
+
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 NOTEBOOKS = [
@@ -55,6 +59,27 @@ def test_every_reason_for_a_skipped_frame_in_the_how_to_is_one_that_a_reader_giv
     reasons = [word for row in REASON.findall(section) for word in re.findall(r"`([^`]+)`", row)]
     assert len(reasons) >= 10
     assert [reason for reason in reasons if reason not in readers] == []
+
+
+def test_the_page_of_recordings_shows_every_key_of_a_description(tmp_path):
+    page = (DOCS / "recordings.md").read_text(encoding="utf-8")
+    block = page.split("```toml\n")[1].split("```")[0]
+    (tmp_path / "recording.toml").write_text(block, encoding="utf-8")
+    assert description.read_description(tmp_path / "recording.toml").colour_camera is not None
+    keys = {key for table in description._KEYS.values() for key in table}
+    assert [key for key in sorted(keys) if not re.search(rf"\b{key}\b", block)] == []
+
+
+def test_the_page_of_faults_has_every_word_of_the_status():
+    page = (DOCS / "howto" / "faults.md").read_text(encoding="utf-8")
+    code = "".join(
+        p.read_text(encoding="utf-8")
+        for folder in ("perception", "surefoot/run")
+        for p in (ROOT / folder).rglob("*.py")
+    )
+    words = {LOST, GAP, *re.findall(r'Doubt\("([a-z ]+)"', code)}
+    assert len(words) >= 8
+    assert [word for word in sorted(words) if f"`{word}`" not in page] == []
 
 
 def test_every_example_that_the_pages_name_exists():

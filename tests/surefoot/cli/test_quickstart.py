@@ -34,6 +34,12 @@ def test_the_recording_in_the_package_is_below_two_megabytes():
     assert sum(p.stat().st_size for p in PACKAGED.rglob("*") if p.is_file()) < 2e6
 
 
+def test_the_help_names_the_folder_that_is_written_by_default():
+    shown = CliRunner().invoke(main, ["quickstart", "--help"]).stdout
+    assert str(Path("runs") / "quickstart") in shown
+    assert "runs/NAME-N" not in shown
+
+
 def test_quickstart_processes_every_frame_and_names_a_page_that_exists(shown):
     out, result = shown
     assert result.exit_code == 0
