@@ -34,8 +34,11 @@ class ClassConfig:
     sigmas: float = setting(
         3.0, "", "standard deviations of height in the floor threshold tau", "seed 003"
     )
-    robot_height_m: float = (
-        0.46  # DARwIn-OP, standing; height of the robot; points 0.1 m above it are overhang
+    robot_height_m: float = setting(
+        0.46,
+        "m",
+        "height of the robot; what hangs more than 0.1 m above it is no obstacle",
+        "DARwIn-OP, standing",
     )
     foot_m: float = 0.10  # ours: range of heights above 2 tau that make a front; 0: no feet
 
@@ -44,11 +47,16 @@ class ClassConfig:
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigError(f"classes: {name}={value} must not be negative, and finite")
-        if not self.robot_height_m + HEADROOM_M > self.base_m:
+        if not self.top_m > self.base_m:
             raise ConfigError(
                 f"classes: robot_height_m={self.robot_height_m} plus {HEADROOM_M} must exceed "
                 f"base_m={self.base_m}"
             )
+
+    @property
+    def top_m(self) -> float:
+        """Height above the floor from which points are overhang."""
+        return self.robot_height_m + HEADROOM_M
 
 
 def classify(
@@ -70,7 +78,7 @@ def classify(
         plane.covariance,
         config.base_m,
         config.sigmas,
-        config.robot_height_m + HEADROOM_M,
+        config.top_m,
         labels,
         tau,
     )

@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
+from ..floor.classify import ClassConfig
 from ..floor.segmented_view import CUT, HOLE
 from ..primitives.errors import ConfigError, InputError
 from ..primitives.frame import Depth
@@ -79,9 +80,6 @@ class ClusterConfig:
     )
     least_height_m: float = setting(
         0.03, "m", "least height of an obstacle", "ours: the floor threshold reaches 0.03 m"
-    )
-    robot_top_m: float = (
-        0.56  # seed 003: robot + 0.1 m; height below which an obstacle must have points
     )
 
     def __post_init__(self) -> None:
@@ -151,6 +149,7 @@ def cluster(
     sensor_height_m: float = 0.0,
     pitch_rad: float = 0.0,
     rim_rad: float = 0.0,
+    top_m: float = ClassConfig().top_m,
 ) -> list[Cluster]:
     """Separate objects, the nearest to the sensor first.
 
@@ -170,6 +169,7 @@ def cluster(
         pitch_rad: Angle between two rows of pixels, the largest of several sensors; by it a level surface seen at a
             grazing angle stays one. 0: not known.
         rim_rad: Angle at either end of an object that has no depth, see `rim_of`; the smallest of several sensors.
+        top_m: Height below which an obstacle must have points, of the robot and its headroom.
 
     Raises:
         InputError: Points or sigma are not finite.
@@ -191,7 +191,7 @@ def cluster(
     labels, count = _label_objects(points, weight, sensor, config)
     short = labels.astype(np.uint16) if count < 2**16 else labels  # radix sort
     order = np.argsort(short, kind="stable")
-    is_low = points[:, 2] < config.robot_top_m
+    is_low = points[:, 2] < top_m
     low_mass = np.bincount(labels, weight * is_low, count + 1)[1:]
     borders = np.cumsum(np.bincount(labels, minlength=count + 1))
     found = []

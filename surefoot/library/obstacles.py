@@ -16,15 +16,13 @@ from perception.floor.classify import ClassConfig
 from perception.floor.levelling import camera_above_floor
 from perception.floor.segmented_view import SegmentedView, lowermost, truncated, uppermost
 from perception.obstacles import clustering
-from perception.obstacles.clustering import Cluster, ClusterConfig
+from perception.obstacles.clustering import Cluster
 from perception.primitives.camera import Camera
 from perception.primitives.plane import Plane
 
 from . import checks
 from .checks import ArrayLike
 from .floor import search
-
-HEADROOM_M = 0.10  # seed 003: what is higher than the robot by this is no obstacle
 
 
 def find_obstacles(
@@ -87,7 +85,8 @@ def find_obstacles(
         floor, plane = found.plane, found.among_points
     assert plane is not None
     cloud = without_flying(cloud, depth)
-    classes = classify.classify(cloud, plane, ClassConfig(robot_height_m=height_m))
+    config = ClassConfig(robot_height_m=height_m)
+    classes = classify.classify(cloud, plane, config)
     T_floor_camera = camera_above_floor(floor)
     upright = T_floor_camera.apply(cloud.xyz)
     upright[:, 2] = floor.distance(cloud.xyz)
@@ -97,13 +96,13 @@ def find_obstacles(
         upright[rising],
         cloud.sigma[rising],
         np.zeros(2),
-        ClusterConfig(robot_top_m=height_m + HEADROOM_M),
-        truncated(view, cloud.of(rising), reach),
+        truncated=truncated(view, cloud.of(rising), reach),
         uppermost=uppermost(view, cloud.of(rising)),
         lowermost=lowermost(view, cloud.of(rising), reach),
         sensor_height_m=floor.offset_m,
         pitch_rad=stride / camera.fy,
         rim_rad=clustering.rim_of(depth),
+        top_m=config.top_m,
     )
 
 

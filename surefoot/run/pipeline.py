@@ -273,6 +273,7 @@ class Pipeline:
             views[0].floor.offset_m,
             max(pitches),
             min(clustering.rim_of(view.depth) for view in views),
+            self.config.classes.top_m,
         )
         found = legs.joined(found)
         points_in_body = np.concatenate(in_space)

@@ -177,6 +177,7 @@ def segment_frame(
         lowermost=lowermost(view, cloud.of(rising), reach),
         sensor_height_m=plane.offset_m,
         pitch_rad=reach.stride / depth.camera.fy,
+        top_m=config.classes.top_m,
     )
     return (view,), [
         Detection(one.centre, one.covariance, one.radius_m, one.height_m)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import surefoot
+from perception.floor.classify import ClassConfig
 from perception.primitives.pose import head_rotation
 from surefoot.recordings.open import open_recording
 
@@ -48,6 +49,25 @@ def test_frames_one_by_one_give_the_poses_and_tracks_of_process():
     assert worlds[-1].confidence is not None
     assert worlds[-1].floor is not None
     assert pipeline.world is worlds[-1]
+
+
+@pytest.mark.parametrize("height_m", [0.46, 1.3])
+def test_what_hangs_is_an_obstacle_of_a_robot_that_does_not_fit_below_it(height_m):
+    """A board from 0.75 to 1.1 m above the floor, 1.4 m ahead; the robot passes below it or hits its chest."""
+    mount = surefoot.Pose3.from_rotation(head_rotation(0.0, 0.2), np.array([0.0, 0.0, 0.9]))
+    rays = CAMERA.rays @ mount.rotation.T
+    with np.errstate(divide="ignore"):
+        floor, board = np.where(rays[..., 2] < 0.0, -0.9 / rays[..., 2], np.inf), 1.4 / rays[..., 0]
+    left, up = board * rays[..., 1], 0.9 + board * rays[..., 2]
+    hit = (np.abs(left) < 0.15) & (up > 0.75) & (up < 1.1)
+    depth = np.where(hit, board, np.minimum(floor, 3.5 / rays[..., 0])).astype(np.float32)
+    config = surefoot.Config(classes=ClassConfig(robot_height_m=height_m))
+    pipeline = surefoot.Pipeline(config, start=surefoot.Pose2())
+    for k in range(6):
+        step = surefoot.Pose2() if k else None
+        world = pipeline.add(0.3 * k, depth_m=depth, camera=CAMERA, T_body_camera=mount, step=step)
+    near = [one for one in world.tracks if np.hypot(*(one.position - [1.4, 0.0])) < 0.2]
+    assert len(near) == (height_m > 0.5)
 
 
 def test_arrays_of_a_walking_body_give_pose_floor_and_grid():
