@@ -17,6 +17,7 @@ from ..localisation.filter import UpdateReport
 from ..localisation.pose_source import PlacedCamera
 from ..localisation.registration import RegistrationReport
 from ..localisation.static_points import StaticPoints
+from ..monitoring import status
 from ..primitives.frame import Frame
 from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Sighting
@@ -115,7 +116,7 @@ class OdometryPoses:
         return since_start(self.odometer.view_error.covariance, T.position, float(alike[0, 0]))
 
     def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
-        """Track the camera; a frame without depth leaves the pose unchanged."""
+        """Track the camera; a frame without depth leaves the pose unchanged. The report of a lost camera says so."""
         image = self._sources.for_odometry(frame)
         if image is None:
             return None
@@ -128,7 +129,8 @@ class OdometryPoses:
         self._covariances[number] = self._covariance
         kept = {number, *(one.number for one in self.odometer.odometry.references)}
         self._covariances = {n: c for n, c in self._covariances.items() if n in kept}
-        return None
+        lost = step.state in (LOST, RESTARTED)
+        return UpdateReport(0, 0, [], (status.Doubt(status.LOST, status.STAND),)) if lost else None
 
     def register(self, seen: Sequence[StaticPoints]) -> RegistrationReport | None:
         """Nothing to do: odometry has aligned the images already."""

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import surefoot
 from perception.localisation.pose_source import PoseSource
 from perception.odometry.odometry import FIRST, LOST, TRACKED
 from perception.odometry.odometry_poses import OdometryPoses
@@ -86,6 +87,15 @@ def test_unrelated_single_images_are_placed_above_their_own_floor(recordings: Pa
     assert placed is not None
     assert placed.T_map_camera.translation == pytest.approx((0.0, 0.0, 0.2))
     assert tracked.place(None, None) is None
+
+
+def test_the_status_of_a_live_run_says_that_the_camera_is_lost(recordings: Path) -> None:
+    """Two unrelated images after each other: where the second was taken is not known."""
+    frames = islice(open_recording(recordings / "realsense_low_boxes").frames(), 2)
+    pipeline = surefoot.Pipeline()
+    first, second = (pipeline.add_frame(replace(one, T_world_camera=None)) for one in frames)
+    assert first.estimate.status == ()
+    assert [one.words for one in second.estimate.status] == ["lost"]
 
 
 def test_frames_without_depth_give_no_pose(recordings: Path) -> None:
