@@ -278,6 +278,9 @@ def _cells(
     A track that more likely stands, and that no cell shows, counts as one more cell of its size.
     """
     here = robot.mean[:2]
+    corner = wanted_m - model.radius_m
+    clear = np.hypot(*(occupied - here).T) > min(model.width_m, model.depth_m) / 2.0 + corner
+    occupied = occupied[clear]  # cells that reach under the trunk are errors of the map
     stands = [one for one in obstacles if stands_unseen(one, occupied)]
     places = np.concatenate([occupied, np.array([o.position for o in stands]).reshape(-1, 2)])
     near = np.array([model.radius_m + one.radius_m for one in stands])

@@ -324,3 +324,13 @@ def test_the_first_pose_shown_is_the_step_that_the_guard_chose():
     there = start @ Pose2(step.forward_m, step.lateral_m, step.turn_rad)
     np.testing.assert_allclose(guard.ahead[0], there.vector, atol=1e-9)
     assert 0.0 <= guard.risk <= 1.0
+
+
+@pytest.mark.parametrize("yaw_deg", [30, 90, 140, 180])
+def test_cells_under_its_own_body_hold_no_robot(yaw_deg):
+    """A patch of the map that somebody left occupied; the body is in its midst, so nothing stands there."""
+    side = np.arange(-0.11, 0.05, 0.05)
+    cells = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    start, target = Pose2(0.0, 0.0, math.radians(yaw_deg)), np.array([0.44, 0.18])
+    _, _, pose = play(start, target, lambda t: (9.0, 9.0, 0.0, 0.0), cells)
+    assert math.hypot(pose.x - target[0], pose.y - target[1]) < 0.1
