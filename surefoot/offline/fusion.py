@@ -49,7 +49,7 @@ class Fusion:
             image.sensor,
             image.depth.camera,
             image.T_map_camera,
-            image.depth.z,
+            image.depth,
             image.rgb,
             image.pose,
         )
@@ -80,7 +80,7 @@ class Fusion:
 
 def add_to_map(world: WorldMap, image: PlacedImage, stamp_s: float, config: Config) -> None:
     """Add an image to the map of the whole run, as the pipeline does with its views."""
-    reach = config.reach.of(image.sensor, image.depth.camera.width)
+    reach = config.reach.of(image.sensor, image.depth)
     points = from_depth(image.depth, reach.nearest_m, reach.farthest_m, reach.stride)
     below = image.floor.moved(image.T_map_camera.inverse())
     classes = classify.classify(points, below, config.classes)

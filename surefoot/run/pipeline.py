@@ -181,7 +181,7 @@ class Pipeline:
 
     def _segment(self, sensor: str, depth: Depth) -> SegmentedView | None:
         """Points, floor and classes of one depth image; None if the floor is neither visible nor expected."""
-        reach = self.config.reach.of(sensor, depth.camera.width)
+        reach = self.config.reach.of(sensor, depth)
         cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
         expected = self.pose_source.expected_floor(depth.T_body_camera)
         search = cloud, expected, self.rng, self.floor_config, sensor
@@ -251,7 +251,7 @@ class Pipeline:
         sensor = T_body_map.apply(views[0].T_map_camera.position)[:2]
         cut, bands, in_space, upper, lower, pitches, before = [], [], [], [], [], [], 0
         for view, chosen in zip(views, own, strict=True):
-            reach = self.config.reach.of(view.sensor, view.depth.camera.width)
+            reach = self.config.reach.of(view.sensor, view.depth)
             pitches.append(reach.stride / view.depth.camera.fy)
             others = [other for other in views if other is not view]
             beside = truncated(view, chosen, reach, others)
