@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass
 
 from ..primitives.errors import ConfigError
+from ..primitives.frame import Depth
 from ..primitives.settings import setting
 
 NARROW = 160  # ours: columns; of a narrower image every pixel is used
+PAIR_PX_M = (
+    22.2  # seed 003: focal length, 554 px, times baseline, 40 mm, of the pair whose reach is 2 m
+)
 
 
 @dataclass(frozen=True)
@@ -18,7 +23,11 @@ class ReachConfig:
         0.15, "m", "depth below which pixels are ignored", "ours: limits of each sensor"
     )
     farthest_m: float = setting(
-        3.0, "m", "depth beyond which pixels are ignored", "ours: limits of each sensor"
+        3.0,
+        "m",
+        "depth beyond which pixels are ignored; times the root of f B / 22.2 px m for a stereo pair with a larger "
+        "product of focal length and baseline",
+        "ours: limits of each sensor",
     )
     stride: int = 1  # 2: every second row and column
 
@@ -37,10 +46,22 @@ class ReachesConfig:
     """The range of depths used from each kind of sensor."""
 
     tof: ReachConfig = ReachConfig(0.15, 3.0, 1)  # seed 004: 5 m ambiguity, noise 20 mm at 3 m
-    stereo: ReachConfig = ReachConfig(0.20, 2.0, 2)  # seed 003: to 3 m; beyond 2 m TOF is better
+    stereo: ReachConfig = ReachConfig(
+        0.20, 2.0, 2
+    )  # seed 003: to 3 m; beyond 2 m TOF is better; see `of`
     depth: ReachConfig = ReachConfig(0.30, 4.0, 2)  # Kinect: quantised to centimetres beyond 4 m
 
-    def of(self, source: str, width: int = NARROW) -> ReachConfig:
-        """The range of a depth source with images of that width, px; a user's own has that of an RGB-D camera."""
+    def of(self, source: str, depth: Depth) -> ReachConfig:
+        """The range of a depth source with such images; a user's own has that of an RGB-D camera.
+
+        sigma_Z = Z^2 sigma_d / (f B): with a longer baseline or focal length than that of seed 003's pair, depth is
+        as good as at that pair's farthest up to a distance that grows with the root of f B.
+        """
         found: ReachConfig = getattr(self, source, self.depth)
-        return replace(found, stride=1) if width < NARROW else found
+        pair = depth.camera.fx * depth.baseline_m if source == "stereo" else 0.0
+        farther = math.sqrt(max(1.0, pair / PAIR_PX_M))
+        return ReachConfig(
+            found.nearest_m,
+            found.farthest_m * farther,
+            1 if depth.camera.width < NARROW else found.stride,
+        )

@@ -246,8 +246,12 @@ def msac(
         share = best / count
         if share > 0.999:
             needed = k
-        else:  # triples until one is on a plane as good, with probability 1 - MISS
-            needed = min(TRIES, int(math.log(MISS) / math.log(1.0 - share**3)) + 1)
+            continue
+        missed = math.log(1.0 - share**3)  # of one triple; 0 where hardly anything is on the plane
+        if missed * TRIES < math.log(
+            MISS
+        ):  # triples until one is on a plane as good, with probability 1 - MISS
+            needed = int(math.log(MISS) / missed) + 1
     return best_a, best_b, best_c, best_rho, best
 
 

@@ -178,7 +178,7 @@ def find_lower(
 
     Source: ours.
     """
-    if not _is_height_known(expected):
+    if len(points) < LEAST_POINTS or not _is_height_known(expected):
         return None
     least_m = expected.offset_m + LOWER_SIGMAS * math.sqrt(float(expected.covariance[2, 2]))
     heights = points.xyz @ expected.normal

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..depth import points, structured_light
+from ..depth.reach import ReachesConfig
 from ..depth.structured_light import StructuredLightConfig
 from ..floor import choose
 from ..floor.choose import FloorConfig
@@ -31,7 +32,7 @@ from .pose_uncertainty import PoseUncertainty
 from .pyramid import PyramidConfig, build
 from .view_errors import ViewErrorSize
 
-FLOOR_REACH_M = (0.3, 6.0)  # the range of RGB-D cameras
+FLOOR_REACH_M = (0.3, 6.0)  # the range of RGB-D cameras; that of a long stereo pair is farther
 BEND_LEVEL = 1  # ours: half the finest size tells as much, in a quarter of the time
 FLOOR_STRIDE = 4  # ours: every fourth pixel along each axis determines the floor as well
 
@@ -142,6 +143,8 @@ class Odometer:
         return self.back_end.uncertainty(solution, self.view_error.covariance)
 
     def _floor(self, depth: Depth, sensor: str) -> Plane | None:
-        seen = points.from_depth(depth, *FLOOR_REACH_M, FLOOR_STRIDE)
+        nearest_m, farthest_m = FLOOR_REACH_M
+        farthest_m = max(farthest_m, ReachesConfig().of(sensor, depth).farthest_m)
+        seen = points.from_depth(depth, nearest_m, farthest_m, FLOOR_STRIDE)
         found = choose.find(seen, handheld_prior(None), self._rng, self._floor_config, sensor)
         return None if found is None else found.plane

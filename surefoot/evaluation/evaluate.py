@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from perception.primitives.errors import InputError
 
@@ -119,9 +120,10 @@ def evaluate(
     reference = true if true is not None else estimate
     if reference is not None:
         sessions = list(run.sessions(reference.stamps).values())
-        metrics |= walk_metrics(reference.stamps, reference.positions, sessions)
+        path = reference.positions if own_axes else reference.positions[:, :2]
+        metrics |= walk_metrics(reference.stamps, path, sessions)
     if estimate is not None and true is not None and own_axes:
-        figures = trajectory_metrics(estimate, true)
+        figures = trajectory_metrics(estimate, _upright(true, estimate))
         metrics |= {name: value for name, value in figures.items() if name not in _OWN_AXES}
         metrics |= _aligned_consistency(run, estimate, true, truth_sigma)
     elif estimate is not None and true is not None:
@@ -189,6 +191,15 @@ def _given(run: RunFolder, estimate: Trajectory | None, truth: Path) -> Trajecto
             f"{estimate.stamps[-1]:.3f} s; give a truth of the same recording and clock"
         )
     return true
+
+
+def _upright(true: Trajectory, estimate: Trajectory) -> Trajectory:
+    """The truth, turned into the axes of a run, whose floor is level: those of KITTI, for one, have y down."""
+    moved = alignment_of(estimate, true)
+    if moved is None:
+        return true
+    turned = Rotation.from_matrix(moved.rotation.T) * Rotation.from_quat(true.quats_xyzw)
+    return replace(true, positions=true.positions @ moved.rotation, quats_xyzw=turned.as_quat())
 
 
 def _kind_metrics(run: RunFolder, kind: str) -> dict[str, Any]:

@@ -209,10 +209,11 @@ def metres(
         image = values.astype(np.float32) / np.float32(scale)
     measured = image[np.isfinite(image) & (image > 0.0)]
     middle = float(np.median(measured)) if len(measured) else 1.0
-    if middle > MILLIMETRES:
+    stated = scale_per_metre is not None and values.dtype.kind == "f"
+    if middle > MILLIMETRES and not stated:
         raise InputError(
             f"{what} has a median of {middle:.4g} m; expected metres, so give "
-            "scale_per_metre (1000 if the values are millimetres)"
+            "scale_per_metre (1000 if the values are millimetres, 1 if floats are metres of a place as wide)"
         )
     if middle < DIVIDED_TWICE and scale_per_metre is not None:
         raise InputError(

@@ -45,7 +45,8 @@ def find_floor(
             accelerometer). None: the camera is held upright to about 25 degrees.
         T_body_camera: Camera in a body frame with z = 0 on the floor, to about 1 degree and 1 cm (joint
             angles). It replaces `up`, and finds floors of which little is visible.
-        scale_per_metre: Units per metre of an integer image: 1000 for millimetres.
+        scale_per_metre: Units per metre of an integer image: 1000 for millimetres. 1 for floats in metres whose
+            median is above 50 m.
         sigma_m: Standard deviation of the noise of each pixel alone, one number or (h, w), m. None: that of the
             sensor, or what the image shows if that is clearly more.
         nearest_m, farthest_m: Depths outside this range are not used.

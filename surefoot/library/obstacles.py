@@ -74,7 +74,7 @@ def find_obstacles(
     if baseline_m is not None:
         depth = replace(depth, baseline_m=checks.positive(baseline_m, "baseline_m"))
     height_m = checks.positive(robot_height_m, "robot_height_m")
-    stride = ReachesConfig().of(sensor, camera.width).stride
+    stride = ReachesConfig().of(sensor, depth).stride
     reach = replace(checks.reach(nearest_m, farthest_m), stride=stride)
     cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, stride)
     floor = plane = checks.optional(floor, Plane, "floor")

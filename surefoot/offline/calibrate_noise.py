@@ -155,7 +155,7 @@ def calibrate(recording: Recording, config: Config, say: Say) -> NoiseSettings:
         if number % every:
             continue
         for sensor, depth in sources.images(frame):
-            reach = config.reach.of(sensor, depth.camera.width)
+            reach = config.reach.of(sensor, depth)
             cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
             views.setdefault(sensor, []).append(_View(cloud, depth.camera, frame.T_world_camera))
         say(f"frame {number}")

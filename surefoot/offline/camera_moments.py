@@ -6,9 +6,10 @@ import math
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import UInt8
 
 from perception.primitives.camera import Camera
+from perception.primitives.frame import Depth
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose3
 
@@ -47,7 +48,7 @@ class CameraMoments:
         sensor: str,
         camera: Camera,
         T_map_camera: Pose3,
-        depth_m: Float32[np.ndarray, "h w"] | None = None,
+        depth: Depth | None = None,
         rgb: UInt8[np.ndarray, "k l 3"] | None = None,
         pose: Gaussian | None = None,
     ) -> None:
@@ -58,7 +59,7 @@ class CameraMoments:
             sensor: "tof", "stereo", "depth" or "colour".
             camera: Intrinsics of the sensor.
             T_map_camera: Its pose.
-            depth_m: Depth along the axis; NaN where there is none.
+            depth: Its depth image.
             rgb: Colour picture.
             pose: (x, y, yaw) of camera or body.
         """
@@ -77,8 +78,8 @@ class CameraMoments:
             return
         if rgb is not None and "colour" not in moment:
             moment["colour"] = colour_picture(rgb)
-        if depth_m is not None and "depth" not in moment:
-            moment |= depth_picture(depth_m, sensor, self._config)
+        if depth is not None and "depth" not in moment:
+            moment |= depth_picture(depth, sensor, self._config)
 
     def close(self) -> None:
         """Write the last moment and close the file."""

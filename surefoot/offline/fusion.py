@@ -17,6 +17,7 @@ from perception.depth.flying import without_flying_pixels
 from perception.depth.points import from_depth
 from perception.floor import classify
 from perception.floor.segmented_view import sees_through
+from perception.primitives.errors import InputError
 
 from ..config.schema import Config
 from ..results.run_folder import RunFolder
@@ -49,7 +50,7 @@ class Fusion:
             image.sensor,
             image.depth.camera,
             image.T_map_camera,
-            image.depth.z,
+            image.depth,
             image.rgb,
             image.pose,
         )
@@ -63,9 +64,17 @@ class Fusion:
 
         Returns:
             Vertices of the mesh, and the area on which a robot can walk, m^2.
+
+        Raises:
+            InputError: No surface was near enough.
         """
         folder = self._folder
         mesh = self._surface.mesh()
+        if not len(mesh.vertices):
+            raise InputError(
+                "map: no surface was measured within surface.farthest_m="
+                f"{self._config.surface.farthest_m:g}; check the scale of depth, else set it higher"
+            )
         say(f"mesh of {len(mesh.vertices)} vertices")
         save_mesh(folder.path("mesh.ply"), mesh)
         vertices = np.asarray(mesh.vertices, dtype=np.float64)
@@ -80,7 +89,7 @@ class Fusion:
 
 def add_to_map(world: WorldMap, image: PlacedImage, stamp_s: float, config: Config) -> None:
     """Add an image to the map of the whole run, as the pipeline does with its views."""
-    reach = config.reach.of(image.sensor, image.depth.camera.width)
+    reach = config.reach.of(image.sensor, image.depth)
     points = from_depth(image.depth, reach.nearest_m, reach.farthest_m, reach.stride)
     below = image.floor.moved(image.T_map_camera.inverse())
     classes = classify.classify(points, below, config.classes)

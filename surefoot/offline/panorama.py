@@ -136,7 +136,7 @@ def _write_moments(job: Job, gathered: Gathered, panorama: Panorama) -> None:
         if found is not None:
             picture = None if view.grey is None else np.repeat(view.grey[..., None], 3, axis=2)
             camera, T = view.depth.camera, found.T_base_camera
-            moments.add(view.stamp_s, gathered.sensor, camera, T, view.depth.z, picture)
+            moments.add(view.stamp_s, gathered.sensor, camera, T, view.depth, picture)
     moments.close()
 
 

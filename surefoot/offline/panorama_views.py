@@ -86,7 +86,7 @@ class Gathered:
 
     def add(self, seen: Seen, config: Config) -> None:
         """Add a view."""
-        reach = config.reach.of(seen.sensor, seen.depth.camera.width)
+        reach = config.reach.of(seen.sensor, seen.depth)
         cloud = points.from_depth(seen.depth, reach.nearest_m, reach.farthest_m, reach.stride)
         self.shown.append(floor_view(cloud, seen.T_world_camera or Pose3(), seen.sensor))
         pose = seen.T_world_camera

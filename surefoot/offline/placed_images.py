@@ -142,7 +142,7 @@ class CameraImages(PlacedImages):
         if len(self._views) >= FLOOR_VIEWS:
             self._views, self._every = self._views[1::2], 2 * max(self._every, 1)
         for sensor, depth, _, T_main_camera in self._seen(frame):
-            reach = self.config.reach.of(sensor, depth.camera.width)
+            reach = self.config.reach.of(sensor, depth)
             seen = from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
             self._views.append((frame.stamp_s, floor_view(seen, T_main_camera, sensor)))
 

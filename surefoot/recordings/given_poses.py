@@ -188,8 +188,7 @@ class GivenPoses:
         self._upside_down += above and not below
 
 
-def _points(depth: DepthView) -> Points:
-    reach = ReachesConfig().of("depth", depth.camera.width)
-    return from_depth(
-        structured_light.depth(depth), reach.nearest_m, reach.farthest_m, reach.stride
-    )
+def _points(view: DepthView) -> Points:
+    depth = structured_light.depth(view)
+    reach = ReachesConfig().of("depth", depth)
+    return from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)

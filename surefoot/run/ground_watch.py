@@ -63,7 +63,7 @@ class GroundWatch:
             if mounted is None or self._sensor not in (None, view.sensor):
                 continue
             self._sensor = view.sensor
-            reach = self._config.reach.of(view.sensor)
+            reach = self._config.reach.of(view.sensor, view.depth)
             regions = segmentation.find(view.depth, reach, self._floor, view.sensor)
             tilt = math.radians(self._config.prior.joints_tilt_deg)
             height_m = self._config.prior.joints_height_m

@@ -230,7 +230,7 @@ class LevelPipeline:
         for sensor, depth in self._depths.images(frame, watch.stage):
             if depth.T_body_camera is None:
                 continue
-            reach = self.config.reach.of(sensor, depth.camera.width)
+            reach = self.config.reach.of(sensor, depth)
             near = replace(reach, farthest_m=min(reach.farthest_m, GROUND_M))
             with watch.stage("ground"):  # risers farther off would be walls
                 regions = segmentation.find(depth, near, self._floor, sensor)

@@ -83,7 +83,9 @@ class RunMaps:
         for view in views:
             self._add(frame, view, obstacles, pose)
             self.confidence.see(
-                looked_at(view, self.grid, self._config.reach.of(view.sensor).farthest_m)
+                looked_at(
+                    view, self.grid, self._config.reach.of(view.sensor, view.depth).farthest_m
+                )
             )
         traces = self._traces.update(obstacles, frame.stamp_s)
         for one in (self.grid, self.world):

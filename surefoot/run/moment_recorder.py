@@ -7,7 +7,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float, UInt8
 
 from mapping.grid.confidence import ConfidenceLayer
 from mapping.grid.egocentric_grid import EgocentricGrid
@@ -15,7 +15,7 @@ from mapping.ground.levels import Levels
 from mapping.objects.footprints import Footprint
 from perception.estimate import Estimate
 from perception.floor.segmented_view import SegmentedView
-from perception.primitives.frame import ColourView, FeetReading, Frame
+from perception.primitives.frame import ColourView, Depth, FeetReading, Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2, Pose3
@@ -275,7 +275,7 @@ def _pictures(frame: Frame, world: WorldModel, config: Config) -> dict[str, Any]
         found["colour"], found["colour_sensor"] = colour_picture(np.asarray(grey)), "stereo"
     if world.views:
         view = world.views[0]
-        found |= depth_picture(view.depth.z, view.sensor, config)
+        found |= depth_picture(view.depth, view.sensor, config)
     return found
 
 
@@ -291,13 +291,14 @@ def colour_picture(rgb: UInt8[np.ndarray, "h w 3"]) -> bytes:
     return data.tobytes()
 
 
-def depth_picture(z: Float32[np.ndarray, "h w"], sensor: str, config: Config) -> dict[str, Any]:
+def depth_picture(depth: Depth, sensor: str, config: Config) -> dict[str, Any]:
     """The fields of the depth of a moment.
 
     Every n-th pixel in whole steps that reach as far as the sensor; 0 where there is none, or farther.
     """
-    step_m = 2.0 ** math.ceil(math.log2(config.reach.of(sensor).farthest_m / 255.0))
-    every = -(-z.shape[1] // WIDTH_PX)
-    steps = np.nan_to_num(np.rint(z[::every, ::every] / step_m), nan=0.0, posinf=0.0, neginf=0.0)
+    step_m = 2.0 ** math.ceil(math.log2(config.reach.of(sensor, depth).farthest_m / 255.0))
+    every = -(-depth.z.shape[1] // WIDTH_PX)
+    shown = depth.z[::every, ::every]
+    steps = np.nan_to_num(np.rint(shown / step_m), nan=0.0, posinf=0.0, neginf=0.0)
     levels = np.where((steps < 0.0) | (steps > 255.0), 0.0, steps).astype(np.uint8)
     return {"depth": levels, "depth_step_m": step_m, "depth_sensor": sensor}

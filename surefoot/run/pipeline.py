@@ -47,6 +47,7 @@ from planning.world_model import WorldModel
 
 from ..config.schema import Config
 from ..recordings.recording import RecordingInfo
+from ..words import count_of
 from .frame_watch import FrameWatch
 from .ground_watch import GroundWatch
 from .maps import RunMaps
@@ -78,6 +79,9 @@ class Pipeline:
         self._floors, self._heights = Bias(2, FLOORS), Surprise(1, HEIGHTS)
         self._status = StatusBoard()
         self.ground = GroundWatch(config, self.floor_config)
+        self._unreached: dict[
+            str, list[float]
+        ] = {}  # medians of images without a depth in reach, m
 
     def cycle(self, frame: Frame) -> WorldModel:
         """Process one frame, from images to tracks and maps."""
@@ -149,6 +153,15 @@ class Pipeline:
         """The points of the run."""
         return self.maps.cloud
 
+    def notes(self, frames: int) -> list[str]:
+        """Note on every sensor most of whose images have no depth within reach: its scale may be wrong."""
+        return [
+            f"sensor {sensor}: no depth is within reach in {len(medians)} of {count_of(frames, 'frame')}, the median "
+            f"{np.median(medians):.3g} m; check scale_per_metre, else set reach.{sensor}.farthest_m or nearest_m"
+            for sensor, medians in self._unreached.items()
+            if len(medians) > frames / 2
+        ]
+
     def ground_entries(self) -> dict[str, Any] | None:
         """Content of ground.json; None where no map of surfaces is kept."""
         return self.ground.entries()
@@ -181,8 +194,10 @@ class Pipeline:
 
     def _segment(self, sensor: str, depth: Depth) -> SegmentedView | None:
         """Points, floor and classes of one depth image; None if the floor is neither visible nor expected."""
-        reach = self.config.reach.of(sensor, depth.camera.width)
+        reach = self.config.reach.of(sensor, depth)
         cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
+        if not len(cloud) and np.isfinite(depth.z).any():
+            self._unreached.setdefault(sensor, []).append(float(np.nanmedian(depth.z)))
         expected = self.pose_source.expected_floor(depth.T_body_camera)
         search = cloud, expected, self.rng, self.floor_config, sensor
         floor = choose.find(*search)
@@ -251,7 +266,7 @@ class Pipeline:
         sensor = T_body_map.apply(views[0].T_map_camera.position)[:2]
         cut, bands, in_space, upper, lower, pitches, before = [], [], [], [], [], [], 0
         for view, chosen in zip(views, own, strict=True):
-            reach = self.config.reach.of(view.sensor, view.depth.camera.width)
+            reach = self.config.reach.of(view.sensor, view.depth)
             pitches.append(reach.stride / view.depth.camera.fy)
             others = [other for other in views if other is not view]
             beside = truncated(view, chosen, reach, others)

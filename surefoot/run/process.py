@@ -23,6 +23,7 @@ from .checkpoint import State
 from .interrupt import stop_requested
 from .level_pipeline import make_pipeline
 from .loop import cycles
+from .pipeline import Pipeline
 from .process_log import process_log
 from .run_recorder import RunRecorder
 from .summary import Say, Summary, _count, _reasons
@@ -93,7 +94,8 @@ def process(
     else:
         folder.adopt_truth(path)
     tracked = _write_camera(folder, source, camera)
-    notes = (*recorder.notes(), *recording.remarks, tracked)
+    reached = pipeline.notes(recorder.frames) if isinstance(pipeline, Pipeline) else ()
+    notes = (*recorder.notes(), *reached, *recording.remarks, tracked)
     summary = Summary(
         folder.root,
         recorder.frames,

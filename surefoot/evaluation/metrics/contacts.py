@@ -56,16 +56,16 @@ def walk_metrics(
     positions: Float[np.ndarray, "n d"],
     sessions: Sequence[Bool[np.ndarray, "n"]] = (),
 ) -> dict[str, float]:
-    """duration_s, path_m (length of the horizontal path) and straight_m (distance from first to last).
+    """duration_s, path_m (length of the path) and straight_m (distance from first to last), in the dimensions given.
 
     Of several sessions, duration and path are the sums over them, without the way from one to the next.
     """
     parts = sessions or [np.ones(len(stamps), bool)]
-    steps = np.concatenate([np.diff(positions[mine, :2], axis=0) for mine in parts])
+    steps = np.concatenate([np.diff(positions[mine], axis=0) for mine in parts])
     return {
         "duration_s": float(sum(np.ptp(stamps[mine]) for mine in parts)),
         "path_m": float(np.sum(np.linalg.norm(steps, axis=1))),
-        "straight_m": float(np.linalg.norm(positions[-1, :2] - positions[0, :2])),
+        "straight_m": float(np.linalg.norm(positions[-1] - positions[0])),
     }
 
 

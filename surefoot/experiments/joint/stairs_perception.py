@@ -78,7 +78,7 @@ def look(seed: int, kind: str) -> list[Answer]:
 
 def answer(view: StairView, sensor: str, depth: Depth) -> Answer:
     """What is claimed of one depth image, against the truth."""
-    regions = segmentation.find(depth, ReachesConfig().of(sensor), CONFIG, sensor)
+    regions = segmentation.find(depth, ReachesConfig().of(sensor, depth), CONFIG, sensor)
     found = staircase.find(regions, view.prior)
     inclined = inclination.ramps(regions, view.prior)
     errors: tuple[float, ...] = (math.nan,) * 5

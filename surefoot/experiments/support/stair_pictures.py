@@ -29,7 +29,7 @@ def draw(seed: int, config: FloorConfig) -> Figure:
         view = stair_views.draw(seed, kind)
         depths = stair_views.measure(view, seed)
         for ax, sensor in zip(row, stair_views.SENSORS, strict=True):
-            reach = ReachesConfig().of(sensor)
+            reach = ReachesConfig().of(sensor, depths[sensor])
             regions = segmentation.find(depths[sensor], reach, config, sensor)
             found = staircase.find(regions, view.prior)
             ax.imshow(coloured(depths[sensor], regions))

@@ -375,3 +375,11 @@ def test_the_foot_of_a_flight_is_not_the_floor_of_its_top(look, config):
     room = look(0, height_m=2.9, pitch_deg=40.0, boxes=top)
     assert np.mean(room.height < 0.01) > 0.1
     assert find_lower(room.points, below(room, 1.4), np.random.default_rng(0), config) is None
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_image_without_depth_has_no_lower_floor_and_warns_of_nothing():
+    """As after a hand before the camera, once the floor is known."""
+    nothing = Points(np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64))
+    expected = Plane(np.array([0.0, -1.0, 0.0]), 0.8, np.diag([0.02**2, 0.02**2, 0.02**2]))
+    assert find_lower(nothing, expected, np.random.default_rng(0)) is None

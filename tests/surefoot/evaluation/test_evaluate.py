@@ -545,6 +545,27 @@ def test_a_truth_without_stamps_is_compared_pose_by_pose(tmp_path):
         evaluate(run, tmp_path / "kitti.txt")
 
 
+def test_a_truth_whose_y_axis_points_down_gives_the_same_path_and_error_on_the_floor(tmp_path):
+    """The poses of KITTI are in the axes of its first camera: x right, y down, z ahead."""
+    run = RunFolder.create(tmp_path / "run")
+    turned = np.linspace(0.0, math.pi, 201)
+    x, y = np.cos(turned), np.sin(turned)
+    rows = [
+        estimate_row(t, Gaussian(np.array([a, b, t]), np.eye(3)))
+        for t, a, b in zip(turned, x, y, strict=True)
+    ]
+    run.write_csv("trajectory_covariance.csv", COVARIANCE_HEADER, rows)
+    run.write_planar_trajectory()
+    np.savetxt(
+        tmp_path / "kitti.txt",
+        [[1, 0, 0, -b, 0, 1, 0, 0, 0, 0, 1, a] for a, b in zip(x, y, strict=True)],
+    )
+    found = evaluate(run, tmp_path / "kitti.txt")
+    assert found["path_m"] == pytest.approx(math.pi, rel=1e-4)
+    assert found["straight_m"] == pytest.approx(2.0)
+    assert found["ate_floor_m"] == pytest.approx(0.0, abs=1e-6)
+
+
 def test_a_map_is_compared_with_its_own_truth_after_alignment(tmp_path):
     run = straight_run(tmp_path, (0.0, 0.0, 0.0))
     rows = [(0.5 * i, 3.0, 0.5 * i, 1.0, 0.0) for i in range(21)]  # other axes

@@ -142,6 +142,26 @@ def test_integer_depth_with_its_scale_gives_the_same_floor():
     assert found.offset_m == pytest.approx(HEIGHT_M, abs=0.01)
 
 
+def test_a_road_before_a_far_hill_is_found_once_its_unit_is_stated():
+    """A stereo pair of a car, 1.65 m above the road; most pixels show what is 60 m away."""
+    camera = surefoot.Camera(310, 94, 180.0, 180.0, 155.0, 47.0)
+    down = camera.rays[..., 1]
+    with np.errstate(divide="ignore"):
+        depth = np.where(down > 0.1, 1.65 / down, 60.0)
+    sigma = 0.01 + 1e-3 * depth**2 / 4.0
+    depth = depth + sigma * np.random.default_rng(0).normal(size=depth.shape)
+    given = {"sigma_m": sigma, "sensor": "stereo", "farthest_m": 15.0}
+    with pytest.raises(surefoot.InputError, match="1 if floats are metres"):
+        surefoot.find_floor(depth, camera, **given)
+    found = surefoot.find_floor(depth, camera, scale_per_metre=1.0, **given)
+    assert found is not None
+    assert found.offset_m == pytest.approx(1.65, abs=0.03)
+    with pytest.raises(surefoot.InputError, match="1000 if the values are millimetres"):
+        surefoot.find_floor(
+            (1000.0 * depth).astype(np.uint16), camera, scale_per_metre=1.0, **given
+        )
+
+
 def test_no_floor_in_a_wall():
     wall = np.full((120, 160), 1.5)
     assert surefoot.find_floor(wall, CAMERA, UP) is None

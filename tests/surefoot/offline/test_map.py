@@ -8,13 +8,14 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from scipy import ndimage
 
 from mapping.io import geotiff
 from perception.primitives.camera import Camera
-from perception.primitives.errors import RecordingError
+from perception.primitives.errors import InputError, RecordingError
 from perception.primitives.frame import ColourView, DepthView, Frame
 from perception.primitives.pose import Pose3, head_rotation
 from surefoot.config import toml
@@ -248,3 +249,18 @@ def test_poses_that_are_not_there_cannot_be_ignored(tmp_path):
     config = replace(Config(), ignore_poses=True)
     with pytest.raises(RecordingError, match="no poses that could be ignored"):
         Job.open("map", WALK, None, config, tmp_path / "map")
+
+
+def test_a_place_beyond_the_range_of_the_surface_is_refused_with_that_range(tmp_path):
+    """A wall 9 m ahead; the surface is fused to 5 m."""
+    (tmp_path / "wall" / "depth").mkdir(parents=True)
+    for number in range(2):
+        values = np.full((120, 160), 9000, np.uint16)
+        cv2.imwrite(str(tmp_path / "wall" / "depth" / f"{number}.png"), values)
+    (tmp_path / "wall" / "recording.toml").write_text(
+        "[camera]\nwidth = 160\nheight = 120\nfx = 130.0\nfy = 130.0\ncx = 79.5\ncy = 59.5\n"
+        "[depth]\nscale_per_metre = 1000\nnone = [0]\n"
+    )
+    job = Job.open("map", tmp_path / "wall", None, Config(), tmp_path / "map")
+    with pytest.raises(InputError, match=r"surface.farthest_m=5; check the scale"):
+        map_recording(job, quiet)

@@ -152,3 +152,24 @@ def test_a_second_ctrl_c_interrupts_at_once(ctrl_c):
     with pytest.raises(KeyboardInterrupt):
         press_twice()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize(("scale", "said"), [(1000, True), (5000, False)])
+def test_depth_of_which_nothing_is_within_reach_is_named(tmp_path, scale, said):
+    """A floor 0.6 m below the camera in units of a fifth of a millimetre, read as such or as millimetres."""
+    down = (np.arange(120) - 59.5)[:, None] / 130.0 * np.ones((1, 160))
+    depth_m = np.where(down > 0.15, 0.6 / np.maximum(down, 0.15), 3.5)
+    (tmp_path / "walk" / "depth").mkdir(parents=True)
+    for number in range(3):
+        values = np.rint(5000.0 * depth_m).astype(np.uint16)
+        cv2.imwrite(str(tmp_path / "walk" / "depth" / f"{number}.png"), values)
+    (tmp_path / "walk" / "recording.toml").write_text(
+        "[camera]\nwidth = 160\nheight = 120\nfx = 130.0\nfy = 130.0\ncx = 79.5\ncy = 59.5\n"
+        f"[depth]\nscale_per_metre = {scale}\nnone = [0]\n"
+    )
+    summary = process(tmp_path / "walk", None, Config(), tmp_path / "run", quiet)
+    named = [note for note in summary.notes if "is within reach" in note]
+    assert len(named) == said
+    assert all(
+        "in 3 of 3 frames, the median 17.5 m; check scale_per_metre" in note for note in named
+    )
