@@ -16,7 +16,9 @@ from ..primitives.compiled import njit
 FREE_SUMS = {"reassoc", "contract", "nsz"}  # allows vectorised sums
 BLOCK = 256  # points scored between two tests whether the best score can still be reached
 TRIES = 1500  # ours: finds a floor of 6 % of the points among tables, 20 of 20 seeds
-MISS = 1e-4  # ours: probability of overlooking a better plane at which the search stops
+LOG_MISS = math.log(
+    1e-4
+)  # ours: probability of overlooking a better plane at which the search stops
 NEAREST_OF = 8  # ours: three triples of four take the nearest of this many random points
 
 
@@ -247,11 +249,9 @@ def msac(
         if share > 0.999:
             needed = k
             continue
-        missed = math.log(1.0 - share**3)  # of one triple; 0 where hardly anything is on the plane
-        if missed * TRIES < math.log(
-            MISS
-        ):  # triples until one is on a plane as good, with probability 1 - MISS
-            needed = int(math.log(MISS) / missed) + 1
+        missed = math.log(1.0 - share**3)  # by one triple; 0 where hardly anything is on the plane
+        if missed * TRIES < LOG_MISS:
+            needed = int(LOG_MISS / missed) + 1
     return best_a, best_b, best_c, best_rho, best
 
 

@@ -79,9 +79,8 @@ class Pipeline:
         self._floors, self._heights = Bias(2, FLOORS), Surprise(1, HEIGHTS)
         self._status = StatusBoard()
         self.ground = GroundWatch(config, self.floor_config)
-        self._unreached: dict[
-            str, list[float]
-        ] = {}  # medians of images without a depth in reach, m
+        self._unreached: dict[str, list[float]] = {}
+        """Medians of the images of a sensor that have no depth within reach, m."""
 
     def cycle(self, frame: Frame) -> WorldModel:
         """Process one frame, from images to tracks and maps."""

@@ -104,10 +104,8 @@ def judge(folder: RunFolder, scene: Scene) -> tuple[Figures, Walked]:
     near = np.searchsorted(true.stamps, estimate.stamps)
     error_m = np.linalg.norm(own - others[np.minimum(near, len(others) - 1)], axis=1)
     consistency = consistency_metrics(whitened, "pose")
-    errors, walk = (
-        trajectory_metrics(estimate, true),
-        walk_metrics(true.stamps, true.positions[:, :2]),
-    )
+    errors = trajectory_metrics(estimate, true)
+    walk = walk_metrics(true.stamps, true.positions[:, :2])
     goals = (folder.read_json("summary.json") or {}).get("goals_reached") or 0
     first, settled, last = log.part(0), log.part(SETTLED), log.part(-1)
     memory = [float(np.median(log.rss_mb[part])) for part in (first, settled, last)]
