@@ -34,7 +34,7 @@ from .place_recognition import (
 )
 from .pyramid import Pyramid
 
-# Ours, as all thresholds below: chosen on homes of seeds 100 to 103 and a synthetic room.
+# Ours, as all thresholds below: chosen on homes of seeds 100 to 104 and a synthetic room.
 LEAST_ALIKE = 0.12  # share of features with a close match, of a proposal
 ALIKE = 2  # proposals of each image
 MOST_PROPOSALS = 60  # of two sessions, the most similar ones
