@@ -10,6 +10,8 @@ from ..primitives.compiled import njit
 
 HUBER = 1.345  # 95 % efficiency for Gaussian errors
 STEEPEST = 0.1  # least cosine between ray and normal: depth at grazing incidence is unreliable
+FREE_SIGMAS, FREE_SHARE = 6.0, 0.02
+"""A point is in free space if it is nearer than the surface behind it by these (of noise, of depth) and the gate."""
 
 # entries of the totals after the 21 of the information matrix and the 6 of the gradient
 GEOMETRIC, GEOMETRIC_COUNT, PHOTOMETRIC, PHOTOMETRIC_COUNT, PHOTOMETRIC_MEAN = 27, 28, 29, 30, 31
@@ -183,7 +185,7 @@ def look_up(
         nx, ny, nz, offset = cell[0], cell[1], cell[2], cell[3]
         noise = sigma[n]
         along = seen - qz
-        if along > gate + six * noise + np.float32(0.02) * seen:
+        if along > gate + np.float32(FREE_SIGMAS) * noise + np.float32(FREE_SHARE) * seen:
             contradicting += judged
         residual = nx * qx + ny * qy + nz * qz - offset
         if abs(residual) > gate + three * noise or abs(along) > three * gate + six * noise:

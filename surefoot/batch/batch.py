@@ -66,7 +66,7 @@ def run_batch(
         _take_stock(job, ledger, again)
     rest = [job for job in jobs if not _settled(job, ledger)]
     if len(rest) < len(jobs):
-        say(f"{len(jobs) - len(rest)} of {len(jobs)} were done before")
+        say(f"before: {pages.counted(jobs, ledger)}")
     try:
         if rest:
             _do(rest, jobs, ledger, out, start(), say)

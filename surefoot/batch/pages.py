@@ -145,6 +145,8 @@ def lines(found: Sequence[Row], walks: bool = False) -> list[str]:
     shown = [f"{row.status}: {row.recording}: {row.reason}" for row in bad[:MOST_LISTED]]
     if len(bad) > MOST_LISTED:
         shown.append(f"and {len(bad) - MOST_LISTED} more in {BATCH_TABLE}")
+    if any(row.status == QUARANTINED for row in bad):
+        shown.append("the same command with --again tries once more what is in quarantine")
     frames = sum(row.frames or 0 for row in found)
     arrived = sum(row.status == DONE and not row.reason for row in found)
     goals = f", {arrived} of {len(found)} reached every goal" if walks else ""

@@ -179,6 +179,7 @@ def _content(
                 "compared": found.compared,
                 "fitting": found.fitting,
                 "contradicting": found.contradicting,
+                "moved": found.moved,
                 "reason": found.reason,
             }
             for (one, other), found in sorted(pairs.items())

@@ -80,13 +80,12 @@ class Part:
             new @ old.inverse() for new, old in zip(self.joined.poses[session], before, strict=True)
         ]
 
-    def covariances(self) -> list[Float[np.ndarray, "6 6"]]:
-        """Of every variable, relative to the first image of the part, part axes."""
+    def uncertainty(self) -> PoseUncertainty:
+        """Covariances of every variable, part axes."""
         every = [pose for k in self.joined.sessions for pose in self.joined.poses[k]]
         none = np.zeros((6, 6))
         images = [AttachedImage(pose, number, none) for number, pose in enumerate(every)]
-        claims = pose_uncertainty(self.joined.factors, dict(enumerate(every)), images)
-        return list(claims.from_start)
+        return pose_uncertainty(self.joined.factors, dict(enumerate(every)), images)
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,7 @@ def write_part(part: Part, folder: RunFolder, say: Say) -> Written:
     joined = part.joined
     folder.write_text("config.toml", toml.dumps(part.mapped[joined.sessions[0]].config))
     fusion = Fusion(folder, part.mapped[joined.sessions[0]].config)
-    spans, known = part.spans(), part.covariances()
+    spans, uncertainty = part.spans(), part.uncertainty()
     rows: list[tuple[float, AttachedImage]] = []
     frames = 0
     for session in joined.sessions:
@@ -123,7 +122,7 @@ def write_part(part: Part, folder: RunFolder, say: Say) -> Written:
         for image in part.mapped[session].placed().images():
             nearest = int(np.argmin(np.abs(stamps - image.stamp_s)))
             number = begin + nearest
-            moved = _corrected(image, corrections[nearest], known[number])
+            moved = _corrected(image, corrections[nearest], uncertainty.from_start[number])
             stamp = image.stamp_s + spans[session].shift_s
             frames += not rows or rows[-1][0] != stamp
             fusion.add(moved._replace(stamp_s=stamp), float(frames))
@@ -141,7 +140,7 @@ def write_part(part: Part, folder: RunFolder, say: Say) -> Written:
     fusion.close()
     _write_trajectory(part, folder, rows)
     vertices, walkable_m2 = fusion.write(say)
-    changes = _changes(part, known, say)
+    changes = _changes(part, uncertainty.aligned, say)
     folder.write_json("changes.json", {"changes": changes})
     return Written(frames, vertices, walkable_m2, spans, changes)
 
@@ -178,12 +177,17 @@ def _write_trajectory(
         write_g2o(folder.path("graph.g2o"), joined.factors, joined.solution)
 
 
-def _changes(
-    part: Part, known: Sequence[Float[np.ndarray, "6 6"]], say: Say
-) -> list[dict[str, Any]]:
-    """What changed between every two sessions, from the lower to the higher number."""
+def _changes(part: Part, covariances: Float[np.ndarray, "n 6 6"], say: Say) -> list[dict[str, Any]]:
+    """What changed between every two sessions, from the lower to the higher number.
+
+    Args:
+        part: The sessions.
+        covariances: Of every variable after alignment of the whole part: an error relative to its first image that all
+            images share does not separate their surfaces.
+        say: Progress.
+    """
     found = []
-    looks = {k: _looks(part, known, k) for k in part.joined.sessions}
+    looks = {k: _looks(part, covariances, k) for k in part.joined.sessions}
     for one, other in combinations(sorted(looks), 2):
         say(f"changes: session {one + 1} and {other + 1}")
         for change in find_changes(looks[one], looks[other]):
@@ -192,12 +196,12 @@ def _changes(
     return found
 
 
-def _looks(part: Part, known: Sequence[Float[np.ndarray, "6 6"]], session: int) -> list[Look]:
+def _looks(part: Part, covariances: Float[np.ndarray, "n 6 6"], session: int) -> list[Look]:
     """The depth images of a session at their places in the part."""
     found, begin = [], part.joined.numbers[session]
     for k, pose in enumerate(part.joined.poses[session]):
         level = part.images[session].session.pyramid(k).levels[0]
-        sigma_m = float(np.sqrt(np.trace(known[begin + k][:3, :3]) / 3.0))
+        sigma_m = float(np.sqrt(np.trace(covariances[begin + k][:3, :3]) / 3.0))
         found.append(Look(level.z, level.sigma, level.camera, pose, sigma_m))
     return found
 

@@ -88,7 +88,7 @@ SHAPES: dict[str, Any] = {
         }],
         "pairs": [{
             "sessions": [int, 2], "probability": Maybe(float), "merged": bool, "links": int, "views": int, "compared": int,
-            "fitting": Maybe(float), "contradicting": Maybe(float), "reason?": str,
+            "fitting": Maybe(float), "contradicting": Maybe(float), "moved?": int, "reason?": str,
         }],
         "parts": [[int]],
     },

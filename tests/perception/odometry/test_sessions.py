@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from perception.depth import structured_light
 from perception.odometry.alignment import align
+from perception.odometry.moved_volumes import MovedVolume, compared_images, moved_volumes
 from perception.odometry.place_recognition import PlacesConfig, describe, for_any_camera
 from perception.odometry.pose_uncertainty import AttachedImage, pose_uncertainty
 from perception.odometry.pyramid import Pyramid, build
@@ -186,13 +187,53 @@ def test_a_pair_that_contradicts_the_others_is_no_longer_believed(three, pairs):
         assert np.linalg.norm(one.position - other.position) < 0.01
 
 
+FIRST_BOX = ((-1.4, -0.1, 0.6), (-0.8, 1.2, 1.2))
+MOVED_BOX = ((-0.75, -0.1, 0.7), (-0.15, 1.2, 1.3))
+
+
+def test_a_box_that_was_moved_does_not_separate_the_sessions_of_a_room():
+    first, _ = session((*HOME, FIRST_BOX), 3, [*path(-4), *path(3)], Pose3(), 1)
+    second, _ = session((*HOME, MOVED_BOX), 3, [*path(-3), *path(4)], moved(5.0, -2.0, 70.0), 2)
+    found = link_sessions(first, second, np.random.default_rng(0))
+    assert found.probability >= BELIEVED
+    assert found.moved == 2  # the place that it left, and the one that it filled
+
+
+def volumes(first: tuple, second: tuple) -> list[MovedVolume]:
+    """Of two images from one place."""
+    rng = np.random.default_rng(0)
+    images = [image(room, 3, path(2)[0], rng) for room in (first, second)]
+    return moved_volumes([compared_images(*images, moved(1.0, 2.0, 30.0), Pose3(), 0.7)])
+
+
+def covered(box: tuple) -> float:
+    """Share of the pixels that a box covers, by rays."""
+    directions = CAMERA.rays @ path(2)[0].rotation.T
+    low, high = ((np.array(corner) - path(2)[0].position) / directions for corner in box)
+    return float(np.mean(np.minimum(low, high).max(axis=-1) < np.maximum(low, high).min(axis=-1)))
+
+
+def test_a_moved_box_is_one_volume_that_contradicts_and_one_that_hides():
+    found = volumes((*HOME, FIRST_BOX), (*HOME, MOVED_BOX))
+    large = [one for one in found if one.contradicting + one.hidden > 0.01]
+    assert len(large) == 2
+    # depth at the edges of a box is missing
+    new, old = covered(MOVED_BOX), covered(FIRST_BOX)
+    assert 0.7 * new < max(one.contradicting for one in large) < new
+    assert 0.7 * old < max(one.hidden for one in large) < old
+
+
+def test_a_wall_that_only_one_session_has_is_no_furniture():
+    assert volumes(HOME, (*HOME, ((-1.9, -1.2, 0.6), (0.2, 1.2, 0.7)))) == []
+
+
 def test_groups_are_connected_and_the_largest_comes_first():
     assert groups(5, {(1, 4), (3, 4)}) == [[1, 3, 4], [0], [2]]
     assert groups(2, set()) == [[0], [1]]
 
 
 @pytest.mark.parametrize(
-    ("one", "other"), [((6, 0.9, 0.02), (2, 0.9, 0.02)), ((6, 0.9, 0.02), (6, 0.7, 0.02)), ((6, 0.9, 0.02), (6, 0.9, 0.2))]
+    ("one", "other"), [((6, 0.9, 0.02), (2, 0.9, 0.02)), ((6, 0.9, 0.02), (6, 0.7, 0.02)), ((6, 0.9, 0.02), (6, 0.9, 0.2)), ((6, 0.9, 0.02), (6, 0.9, 0.02, 3))]
 )  # fmt: skip
 def test_less_evidence_gives_a_smaller_probability(one, other):
     assert place_probability(*one) > place_probability(*other)

@@ -27,12 +27,12 @@ from .small import Answering, children_of, made, write_floor
 PROCESS = Order("process")
 
 
-def run(place: Path, answer, order=PROCESS, again=False):
+def run(place: Path, answer, order=PROCESS, again=False, say=lambda text: None):
     """A batch over a folder with such answers: its rows by name, and the names of the jobs that were given."""
     out = place.parent / "out"
     executor = Answering(answer)
     jobs = jobs_of_places(order, [str(place)], out)
-    rows = run_batch(order, jobs, out, lambda: executor, lambda text: None, again)
+    rows = run_batch(order, jobs, out, lambda: executor, say, again)
     return {row.name: row for row in rows}, executor.given
 
 
@@ -73,7 +73,9 @@ def test_what_kills_two_workers_is_put_in_quarantine_and_tried_again_only_when_a
     rows, given = run(recordings, deadly)
     assert given.count("c") == 2
     assert (rows["c"].status, rows["c"].reason) == ("quarantined", "2 times: SIGSEGV")
-    assert run(recordings, made)[1] == []
+    said: list[str] = []
+    assert run(recordings, made, say=said.append)[1] == []
+    assert said == ["before: 3 of 4 done, 1 in quarantine"]
     rows, given = run(recordings, made, again=True)
     assert given == ["c"]
     assert rows["c"].status == "done"

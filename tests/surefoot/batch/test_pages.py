@@ -34,3 +34,9 @@ def test_the_path_of_a_recording_that_fails_is_said_once(tmp_path, monkeypatch, 
 
 def test_one_frame_is_no_frames():
     assert lines([Row("a", "a", "runs/a", "done", frames=1)]) == ["1 of 1 done, 1 frame"]
+
+
+def test_it_is_said_how_to_try_again_what_is_in_quarantine():
+    held = Row("a", "a", "", "quarantined", reason="2 times: SIGKILL")
+    assert [line for line in lines([held]) if "--again" in line]
+    assert not [line for line in lines([Row("a", "a", "", "failed")]) if "--again" in line]

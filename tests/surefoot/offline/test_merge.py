@@ -65,9 +65,9 @@ def picture(boxes, paint, pose, rng):
     return DepthView(z.astype(np.float32), CAMERA), ColourView(rgb, CAMERA)
 
 
-def walked(path, boxes, paint, begin, seed):
-    """A recording of a camera that goes along and turns, and its map without the poses."""
-    rng = np.random.default_rng(seed)
+def walked(path, boxes, paint, begin, seed, hz=5.0, ignore_poses=True):
+    """A recording of a camera that goes along and turns, and its map, by default without the poses."""
+    rng, rows = np.random.default_rng(seed), []
     info = RecordingInfo(
         path.name, "simulation", poses_given=True, gravity_up_world=(0.0, 0.0, 1.0)
     )
@@ -79,10 +79,14 @@ def walked(path, boxes, paint, begin, seed):
                 R, np.array([-1.7 + 0.05 * n, 0.2 - 0.005 * n * n, 1.3 + 0.01 * n])
             )
             depth, colour = picture(boxes, paint, pose, rng)
-            writer.write(encode(Frame(k / 5, depth=depth, colour=colour, T_world_camera=pose)))
-    config = replace(Config(), ignore_poses=True, surface=TsdfConfig(voxel_m=0.04))
+            rows.append((k / hz, *pose.translation, *pose.quat_xyzw))
+            writer.write(encode(Frame(k / hz, depth=depth, colour=colour, T_world_camera=pose)))
+    config = replace(Config(), ignore_poses=ignore_poses, surface=TsdfConfig(voxel_m=0.04))
     job = Job.open("map", path.with_suffix(".mcap"), None, config, path)
-    return Path(map_recording(job, quiet).folder)
+    folder = Path(map_recording(job, quiet).folder)
+    (folder / "truth").mkdir(exist_ok=True)  # a map with the poses keeps none
+    np.savetxt(folder / "truth/trajectory.txt", rows)
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -139,8 +143,8 @@ def test_the_cameras_of_both_sessions_are_where_they_were(maps, merged):
     assert np.sqrt(np.mean(errors**2)) < 0.01
 
 
-def test_the_moved_box_is_found_and_nothing_else(maps, merged):
-    out = merged[1]
+def assert_box_moved(maps, out):
+    """The only change is the box, at both of its places."""
     changes = json.loads((out / "changes.json").read_text())["changes"]
     assert [change["kind"] for change in changes] == ["moved"]
     assert changes[0]["probability"] > 0.5
@@ -152,6 +156,20 @@ def test_the_moved_box_is_found_and_nothing_else(maps, merged):
     for key, box in zip(("before", "after"), places, strict=True):
         found = motion.apply(np.array([[*changes[0][key]["position_m"], 0.0]]))[0, :2]
         assert np.linalg.norm(found - (np.array(box[0]) + np.array(box[1]))[:2] / 2) < 0.2
+
+
+def test_the_moved_box_is_found_and_nothing_else(maps, merged):
+    assert_box_moved(maps, merged[1])
+
+
+def test_an_unsure_heading_of_the_first_image_hides_no_change(tmp_path):
+    """The given poses of a camera that turns fast are unsure, and with them its heading in each image."""
+    fast = [
+        walked(tmp_path / "monday", [ROOM, CUPBOARD, BOX], 3, 0, 1, 400.0, ignore_poses=False),
+        walked(tmp_path / "tuesday", [ROOM, CUPBOARD, MOVED], 3, 4, 2, 400.0, ignore_poses=False),
+    ]
+    merge(fast, tmp_path / "merged", quiet, report=False)
+    assert_box_moved(fast, tmp_path / "merged")
 
 
 def test_it_is_a_map_folder_with_a_picture_of_the_sessions(merged):
