@@ -172,17 +172,15 @@ class GroundMap:
                 heights.add(level(region, T, patch.origin))
             of_region[number] = patch
         now = corrected(T, heights.camera)
-        single = heights.camera_covariance
+        single, lasting, bend = heights.camera_error()
         self._clear(regions, labels, now, camera, heights)
         for number, patch in of_region.items():
             patch.cells.add(seen[number])
-            patch.place_m2 = (
-                float(np.trace(single[:2, :2]) + np.trace(covariance[:2, :2]) * share) / 2
-            )
+            patch.place_m2 = float(np.trace(single[:2, :2]) + np.sum(lasting[:2] ** 2)) / 2.0
             patch.views += 1
             region = regions[number]
             for edge in region.edges:
-                one = side(region, edge, now, single, lasting)
+                one = side(region, edge, now, single, lasting, bend)
                 if one.variance_at(0.0) < VAGUE_M**2:
                     side_fusion.fuse(patch.sides, one)
             patch.sides = believed(patch.cells, patch.sides)

@@ -21,6 +21,7 @@ from .measured import Level
 
 POSE = 6  # translation and rotation of the camera
 HEIGHT = 3  # z, dz/dx, dz/dy
+LEAST_M2 = 1e-12  # against division by zero
 
 
 class HeightFilter:
@@ -52,11 +53,26 @@ class HeightFilter:
         here = self._rows(index)
         return self._P[here, here].copy()
 
-    @property
-    def camera_covariance(self) -> Float[np.ndarray, "6 6"]:
-        """Of the pose of the view at hand, without the part that lasts."""
-        here = slice(len(self.mean), len(self.mean) + POSE)
-        return self._P[here, here].copy()
+    def camera_error(
+        self,
+    ) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6 m"], Float[np.ndarray, "k m"]]:
+        """Error of the pose of the view at hand, as the surfaces that it showed have corrected it.
+
+        What lasts is corrected with it, as far as the surfaces show it, and what they err by comes in.
+
+        Returns:
+            Covariance of what is new in this view; changes of the pose by independent unit errors that stay from view to
+            view; and the changes of the coefficients of the distortion by the same errors.
+        """
+        n = len(self.mean)
+        here = slice(n, n + POSE)
+        stays = np.r_[0:n, n + POSE : len(self._P)]
+        values, vectors = np.linalg.eigh(self._P[np.ix_(stays, stays)])
+        sigma = np.sqrt(np.maximum(values, LEAST_M2))
+        units = vectors * sigma
+        shared = self._P[here, stays] @ vectors / sigma
+        new = self._P[here, here] - shared @ shared.T
+        return new, shared + self._lasting @ units[n : n + POSE], units[n + POSE :]
 
     def begin_view(
         self, single: Float[np.ndarray, "6 6"], lasting: Float[np.ndarray, "6 6"]

@@ -124,7 +124,8 @@ def side(
     edge: Edge,
     T: Pose3,
     single: Float[np.ndarray, "6 6"],
-    lasting: Float[np.ndarray, "6 6"],
+    lasting: Float[np.ndarray, "6 m"],
+    bend: Float[np.ndarray, "k m"],
 ) -> Side:
     """An edge of a region as a side of its surface.
 
@@ -133,7 +134,8 @@ def side(
         edge: One of its edges.
         T: Camera in the map frame.
         single: Covariance of the camera's pose by what differs from view to view.
-        lasting: Root of the covariance by what does not.
+        lasting: Change of that pose by independent unit errors that do not.
+        bend: Change of the coefficients of the distortion by the same errors.
     """
     ends = T.apply(edge.ends)[:, :2]
     middle = edge.middle
@@ -155,7 +157,7 @@ def side(
         to[1] = mean
     own = edge.covariance * (sense @ sense.T) + by_plane @ region.own @ by_plane.T
     own = own + by_camera @ single @ by_camera.T
-    fixed = np.concatenate([by_plane @ region.shared, by_camera @ lasting], axis=1)
+    fixed = by_plane @ region.shared @ bend + by_camera @ lasting
     covariance = own + np.diag([float(fixed[0] @ fixed[0]), 0.0])
     lasting_m = float(np.sqrt(fixed[1] @ fixed[1] + edge.shared_m**2))
     half = length / 2.0

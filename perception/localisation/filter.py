@@ -25,7 +25,7 @@ from jaxtyping import Float
 
 from ..filtering import models
 from ..filtering.consistency import Innovation, chi_square_quantile
-from ..filtering.models import DRIFT, GYRO_BIAS, PAN, WALKER_SIZE, YAW, X, Y
+from ..filtering.models import PAN, WALKER_SIZE, YAW, X, Y
 from ..monitoring.agreement import Surprise
 from ..monitoring.status import LOST, SLOW, STAND, Doubt
 from ..primitives.errors import ConfigError
@@ -36,7 +36,7 @@ from ..primitives.pose import Pose2
 from .localiser_noise import LocaliserConfig, joint_noise, process_noise, range_sigmas
 from .noise_factor import NoiseFactor
 from .relocalisation import pose_from_sightings
-from .turn_check import TurnCheck
+from .turn_check import LASTING, TurnCheck
 from .ukf_engines import ukf_engine
 
 log = logging.getLogger(__name__)
@@ -100,11 +100,12 @@ class PoseFilter:
         self._walks = False  # whether it made a step since the last frame
         self._sightings_factor = NoiseFactor(SIGHTINGS_LEAST_NIS)
         self._blind_s: float | None = None  # time without odometry; None while there is some
-        self._turns, self._surprise = TurnCheck(self.config.drift_sigma_rad), Surprise(2, TESTED)
+        state = self.config.initial_state(start)
+        self._turns, self._surprise = TurnCheck(state), Surprise(2, TESTED)
         self._lost = False
         self.process_noise: Float[np.ndarray, "10 10"] = np.zeros((WALKER_SIZE, WALKER_SIZE))
         """Covariance that the last prediction added to the state."""
-        self._ukf = ukf_engine(self.config.engine, self.config.initial_state(start))
+        self._ukf = ukf_engine(self.config.engine, state)
 
     @property
     def pose(self) -> Gaussian:
@@ -184,8 +185,8 @@ class PoseFilter:
             self._ukf.update_turn(turn_rad, sigma_rad, dt)
 
     def _restore(self, before: Gaussian) -> None:
-        """Drift and bias as before a fault, independent of all else."""
-        state, entries = self._ukf.state, [DRIFT, GYRO_BIAS]
+        """The first entries of `LASTING` as before a fault, independent of all else."""
+        state, entries = self._ukf.state, LASTING[: before.mean.size]
         mean, P = state.mean, state.covariance
         mean[entries] = before.mean
         P[entries, :] = P[:, entries] = 0.0

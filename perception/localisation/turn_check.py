@@ -3,8 +3,9 @@
 The gyro is far more precise than a step, so the noise of steps is learnt from it; over whole steps, since the parts of a
 step slip together. When the two differ by more than noise, either the gyro has another bias or the feet slide, of which
 nobody can tell at first. Then bias and drift of the heading are both as uncertain as the two differ, and what is seen
-decides. Until bias and drift are usual again, the slip of the steps is uncertain too. A fault may end as suddenly as it
-came: when the turns agree again with bias and drift as they were before it, these hold again.
+decides. Until bias and drift are usual again, the slip of the steps is uncertain too; then the slip from before holds
+again. A fault may end as suddenly as it came: when the turns agree again with bias and drift as they were before it, these
+hold again as well.
 
 Source: ours.
 """
@@ -22,7 +23,6 @@ from ..filtering.models import DRIFT, GYRO_BIAS, LATERAL_SLIP, SLIP, TURN, YAW, 
 from ..monitoring.agreement import Bias
 from ..primitives.gaussian import Gaussian
 from ..primitives.pose import Pose2
-from .localiser_noise import GYRO_BIAS_SIGMA_RADPS
 from .noise_factor import NoiseFactor
 
 TURNS = 6  # ours: turns that are tested together; two seconds
@@ -35,28 +35,28 @@ MOST_BIAS, MOST_DRIFT, MOST_SLIP = 1.0, 1.0, 0.2
 LIKELY = chi_square_quantile(1.0 - 1e-7, 1)
 """Ours: of a turn alone; a walk has thousands, and a foot may slip once."""
 TURNED = np.ix_((YAW, TURN), (YAW, TURN))
-PLACE = [X, Y]
+PLACE, SLIPS = [X, Y], [SLIP, LATERAL_SLIP]
+LASTING = [*SLIPS, DRIFT, GYRO_BIAS]
+"""Entries of the state that a fault makes uncertain."""
 
 
 class TurnCheck:
     """Compares the turns of a walk, from frame to frame."""
 
-    def __init__(self, drift_sigma_rad: float) -> None:
+    def __init__(self, start: Gaussian) -> None:
         """Begin before the first turn.
 
         Args:
-            drift_sigma_rad: Usual standard deviation of the drift of the heading, rad per step.
+            start: Whole state; the standard deviations of its drift and gyro bias are the usual ones.
         """
-        self._usual = np.square([drift_sigma_rad, GYRO_BIAS_SIGMA_RADPS])
+        self._before = _lasting(start)  # while all was well
+        self._usual = np.diag(self._before.covariance)[2:]
         self.factor = NoiseFactor(LEAST_NIS)
         """Of the noise of steps."""
         self.agree = True
         """Whether gyro and steps agree about the latest turn, and about those before together."""
         self._bias, self._as_before = Bias(1, TURNS), Bias(1, TURNS)
         self._walked: deque[float] = deque(maxlen=TURNS)  # m, of the latest turns
-        self._before = Gaussian(
-            np.zeros(2), np.diag(self._usual)
-        )  # drift and bias while all was well
         self._step = np.zeros(3)  # of the present step: difference, its variance, share of the step
 
     def compare(
@@ -81,9 +81,10 @@ class TurnCheck:
             noise: Covariance that the motion adds to the state; receives what the two differ by.
 
         Returns:
-            Drift and bias as they were before a fault that has ended; None otherwise.
+            As before a fault that is over, the first entries of `LASTING`: the slips, and if the turns show it drift
+            and bias too; None otherwise.
         """
-        along, entries = np.array([steps, dt]), [DRIFT, GYRO_BIAS]
+        along, entries = np.array([steps, dt]), LASTING[2:]
         differs, new = turn_rad - motion.yaw, float(noise[TURN, TURN]) + sigma_rad**2
         present = Gaussian(state.mean[entries], state.covariance[np.ix_(entries, entries)])
         off, variance, fit = _compared(self._bias, present, along, differs, new)
@@ -91,8 +92,10 @@ class TurnCheck:
         agreed, self.agree = self.agree, fit and bool(np.all(spread <= UNUSUAL**2 * self._usual))
         self._walked.append(math.hypot(motion.x, motion.y))
         if self.agree:
-            self._before = present
             self._learn(off, variance, steps)
+            if not agreed:
+                return Gaussian(self._before.mean[:2], self._before.covariance[:2, :2])
+            self._before = _lasting(state)
             return None
         if agreed:
             self._as_before = Bias(1, TURNS, agrees=False)
@@ -108,14 +111,14 @@ class TurnCheck:
             if not fit:
                 noise[DRIFT, DRIFT] += min(abs(off) / steps, MOST_DRIFT) ** 2
             slide_m = min(SLIDES * math.hypot(motion.x, motion.y) / steps, MOST_SLIP)
-            slips = [SLIP, LATERAL_SLIP]
-            lacks = slide_m**2 - np.diag(state.covariance)[slips]
-            noise[slips, slips] += np.maximum(lacks, 0.0)
+            lacks = slide_m**2 - np.diag(state.covariance)[SLIPS]
+            noise[SLIPS, SLIPS] += np.maximum(lacks, 0.0)
         return None
 
     def _ended(self, along: Float[np.ndarray, "2"], differs: float, new: float) -> bool:
         """Whether the turns of a whole window are those of drift and bias as before the fault."""
-        _, _, fit = _compared(self._as_before, self._before, along, differs, new)
+        before = Gaussian(self._before.mean[2:], self._before.covariance[2:, 2:])
+        _, _, fit = _compared(self._as_before, before, along, differs, new)
         return fit and self._as_before.full
 
     def _learn(self, off: float, variance: float, steps: float) -> None:
@@ -125,6 +128,11 @@ class TurnCheck:
             if self._step[2] >= WHOLE_STEP:
                 self.factor.learn(float(self._step[0] ** 2 / self._step[1]))
                 self._step[:] = 0.0
+
+
+def _lasting(state: Gaussian) -> Gaussian:
+    """The entries `LASTING` of a whole state."""
+    return Gaussian(state.mean[LASTING], state.covariance[np.ix_(LASTING, LASTING)])
 
 
 def _compared(

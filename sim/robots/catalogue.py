@@ -44,6 +44,7 @@ KEYS: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 
 
+DEPTH = ("tof", "depth", "stereo")
 OPTIONAL = ("dynamic", "odometry", *SENSORS)
 LEAST_DEG = 4.0  # ours: of a view or of a range of joints; no angle in rad is larger than 3.15
 FASTEST_RADPS = 20.0  # ours: of a gaze; three times as fast as servos
@@ -102,6 +103,10 @@ def _tables(path: Path, content: Mapping[str, Any]) -> dict[str, dict[str, Any]]
         if name and name not in OPTIONAL and not table:
             raise InputError(f"{path}: no table [{name}]; expected {', '.join(known)}")
         found[name] = table
+    if not any(found[name] for name in DEPTH):
+        raise InputError(
+            f"{path}: no table of a camera that measures depth; expected [tof], [depth] or [stereo]"
+        )
     for one, other in (("dynamic", "odometry"), ("odometry", "dynamic")):
         if found[one] and not found[other]:
             raise InputError(

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
 
 from perception.primitives import mesh_reader, safe_input
 from perception.primitives.errors import InputError
@@ -182,12 +183,23 @@ def _collect(
         elif child.tag == f"{COLLADA}scale":
             T = T @ np.diag([*values, 1.0])
         elif child.tag == f"{COLLADA}rotate":
-            raise ValueError("a node is placed by <rotate>; export it with <matrix>")
+            T = T @ _turn(values)
         elif child.tag == f"{COLLADA}instance_geometry":
             points = meshes[child.get("url", "")[1:]]
             found.append(points @ T[:3, :3].T + T[:3, 3])
         elif child.tag == f"{COLLADA}node":
             _collect(child, T, meshes, found)
+
+
+def _turn(values: list[float]) -> Float[np.ndarray, "4 4"]:
+    """A rotation about an axis, by deg, as <rotate> has it."""
+    axis = np.array(values[:3])
+    if len(values) != 4 or not np.linalg.norm(axis) > 0.0:
+        raise ValueError(f"<rotate> has {values}; expected an axis and an angle in deg")
+    T = np.eye(4)
+    turned = math.radians(values[3]) * axis / np.linalg.norm(axis)
+    T[:3, :3] = Rotation.from_rotvec(turned).as_matrix()
+    return T
 
 
 @cache

@@ -89,6 +89,18 @@ def test_errors_of_heights_and_sides_keep_to_their_covariance():
     assert 0.3 < np.mean(walks.sides(made)) < 2.0
 
 
+def test_one_view_does_not_tell_which_part_of_the_error_lasts():
+    """The floor shows how the camera is tilted, whether by an offset of a joint or by sway."""
+    T = walks.scenes.pose(1.0, 0.6)
+    sigmas = []
+    for share in (0.0, 0.1):
+        ground = GroundMap(GroundConfig(lasting_share=share))
+        ground.observe(walks.regions(STAIRS, T), T, walks.POSE, walks.CAMERA)
+        assert len(ground.surfaces) == 6  # the ground at its feet, the floor, and four treads
+        sigmas.append(np.concatenate([one.sigma_m for one in ground.surfaces]))
+    assert sigmas[1] == pytest.approx(sigmas[0], rel=0.05)
+
+
 def test_many_equal_views_leave_what_the_sensor_bends():
     one = walks.walk(FLAT, 2000, steps=1).surfaces
     many = walks.walk(FLAT, 2000, steps=12, step_m=0.0).surfaces

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from perception.filtering.models import LATERAL_SLIP, SLIP
 from perception.localisation.filter import PoseFilter
 from perception.primitives.frame import Imu, StepOdometry
 from perception.primitives.gaussian import Gaussian
@@ -94,6 +95,20 @@ def test_the_pose_is_honest_from_the_alarm_on(fault):
     """In the mean of twelve walks; the first second of a fault is unnoticed and excepted."""
     nees = [walked(seed, **fault)[2][BEGINS + round(2.0 / DT) :].mean() for seed in range(12)]
     assert np.mean(nees) < 6.0  # 3 in expectation; twelve walks of lasting errors
+
+
+@pytest.mark.parametrize("fault", [{"twist_deg": 4.0}, {"twist_deg": 2.0}, {"bias_deg": 10.0}])
+def test_feet_that_no_longer_slide_slip_as_before(fault):
+    """Whether the turns are suddenly as before, or drift and bias usual again: else a robot without landmarks is soon lost."""
+    seen = 0
+    for seed in range(6):
+        robot, doubted, nees, _ = walked(seed, **fault)
+        seen += any(doubted)
+        assert not doubted[-1]
+        slip, lateral = np.sqrt(np.diag(robot.state.covariance)[[SLIP, LATERAL_SLIP]])
+        assert max(slip, lateral) < 0.001  # m a step; .5 and .2 mm when the walk begins
+        assert nees[-1] < 16.3  # 99.9 % of chi-square with three degrees of freedom
+    assert seen == 6
 
 
 def test_the_path_before_an_alarm_is_doubted():

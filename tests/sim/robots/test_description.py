@@ -43,6 +43,14 @@ def test_what_a_description_says_reaches_the_models_of_gait_gaze_and_cameras():
     assert config.walker.breadth == pytest.approx(robot.model.radius_m / RADIUS_M)
 
 
+TOF = """[tof]
+width = 106
+height = 60
+across_deg = 87
+down_deg = 58
+"""
+
+
 def changed(tmp_path, old, new, times=1):
     assert old in TEXT
     (tmp_path / "little.urdf").write_text((LITTLE / "little.urdf").read_text())
@@ -78,6 +86,7 @@ def changed(tmp_path, old, new, times=1):
         ("cruise_mps = 0.12", "cruise_mps = 0.5", "cruise_mps=0.5 is above max_speed_mps=0.15"),
         ('frame = "head"', 'frame = "head"\naxis = "y"', "axis = 'y'; expected one of x, z, body"),
         ("[gaze]", "[gauze]", "key 'gauze' is unknown; did you mean 'gaze'?"),
+        (TOF, "", "no table of a camera that measures depth; expected [tof], [depth] or [stereo]"),
         ("width = 106", "width = 10.5", "width = 10.5; expected a whole number"),
         ("down_deg = 58\n", "", "down_deg = None; expected a finite number"),
         ('title = "Little"', "title = 3", "title = 3; expected a text in quotes"),

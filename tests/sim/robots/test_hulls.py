@@ -89,6 +89,7 @@ DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="
 <library_visual_scenes><visual_scene><node><matrix>1 0 0 100 0 1 0 0 0 0 1 0 0 0 0 1</matrix>
 <node><scale>1 1 2</scale><instance_geometry url="#g"/></node></node></visual_scene></library_visual_scenes>
 </COLLADA>"""
+TURN = "<rotate>{}</rotate>"
 
 
 def test_collada_vertices_are_placed_in_metres_with_z_up(tmp_path):
@@ -100,8 +101,20 @@ def test_collada_vertices_are_placed_in_metres_with_z_up(tmp_path):
     np.testing.assert_allclose(collada_points(path), np.c_[raw[:, 0], -raw[:, 2], raw[:, 1]])
 
 
+def test_a_collada_node_turns_about_an_axis_by_degrees(tmp_path):
+    """A quarter about z and then the file's shift of 1 m along x; the axis need not have unit length."""
+    path = tmp_path / "a.dae"
+    path.write_text(DAE.format(up="Z_UP").replace("<scale>1 1 2</scale>", TURN.format("0 0 2 90")))
+    turned = np.array([[1, 0, 0], [1, 1, 0], [-1, 0, 0], [1, 0, 3]], float)
+    np.testing.assert_allclose(collada_points(path), turned, atol=1e-12)
+
+
 @pytest.mark.parametrize(
-    "text", ["", "<COLLADA/>", DAE.replace("200", "x"), DAE.replace("#g", "#h")]
+    "text",
+    [
+        *("", "<COLLADA/>", DAE.replace("200", "x"), DAE.replace("#g", "#h")),
+        *(DAE.replace("<scale>1 1 2</scale>", TURN.format(one)) for one in ("0 0 1", "0 0 0 90")),
+    ],
 )
 def test_a_damaged_collada_file_is_refused_by_name(text, tmp_path):
     path = tmp_path / "a.dae"
