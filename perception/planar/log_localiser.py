@@ -184,12 +184,14 @@ class _Localiser:
         locked_out = False
         if self.marks and self.journey.first_row[i] < self.journey.first_row[i + 1]:
             self.rejected = float(np.mean([not one[1] for one in self.marks]))
+            if len(self.marks) >= WINDOW // 2:
+                usual = float(np.median([one[2] for one in self.marks]))
+                now = float(np.median([one[3] for one in list(self.marks)[-RECENT:]]))
+                self.inflation = max(1.0, usual, now)
             judged = [one for one in self.marks if one[1] or not self._others_fit(one[4])]
             if len(judged) >= WINDOW // 2:
-                usual = float(np.median([one[2] for one in judged]))
-                now = float(np.median([one[3] for one in judged[-RECENT:]]))
-                self.inflation = max(1.0, usual, now)
                 rejected = float(np.mean([not one[1] for one in judged]))
+                usual = float(np.median([one[2] for one in judged]))
                 locked_out = rejected > LOCKED_OUT or usual > TOO_SURE
         wide = (
             float(np.max(np.diag(self.filter.pose.covariance)[:2]))
