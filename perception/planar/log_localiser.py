@@ -2,11 +2,14 @@
 
 No start is believed: the robot is lost until `fix` finds its pose from the sightings. Then a planar filter
 follows it, with the scales and the drift of the odometry, and scale and offset of the distances, as states; sizes
-and correlation times of the noise maximise the likelihood of the part of the log after the fix. If too many of the
-last sightings are rejected, the filter is locked out: the robot is lost again and waits for the next fix.
+and correlation times of the noise maximise the likelihood of the part of the log after the fix.
+
+Odometry of commands tells no motion that a robot makes after them, for instance of a turn that runs on. After a few rejected
+sightings in a row the pose is as unsure as if the odometry had missed the motion since. If too many of the last
+sightings are rejected all the same, the filter is locked out: the robot is lost again and waits for the next fix.
 
 A landmark whose sightings are rejected while those of the others fit is not where the map has it: somebody moved it, or the
-tags of two are exchanged. Its next sightings are ignored, and then some are tried again.
+tags of two are exchanged. These rejections lock nothing out, and its next sightings are ignored; then some are tried again.
 
 The claim is at least as wide as the innovations: the covariance is multiplied by their NIS over its expectation, of
 many sightings or of the last three, where that is above one. Stamps of odometry and sightings that disagree make the
@@ -43,6 +46,8 @@ TRIED, MISPLACED = 8, 7
 """Ours: last sightings of a landmark, and those of them whose rejection tells that it is elsewhere; outliers of 20 % seem so
 once in ten thousand sightings."""
 IN_PLACE = 0.2  # ours: share of the other landmarks' last sightings that may be rejected meanwhile
+LEAST_SLIP = 1e-3  # ours: m and rad; of a robot that stands
+SLIP = 3  # ours: rejected sightings in a row that tell of a slip; of 20 % outliers once in a hundred sightings
 IGNORED = 100  # ours: sightings of such a landmark before it is tried again
 LONGEST_S = 120.0  # ours: stretch of odometry that a fix bridges
 FIRST_PART = 600  # ours: sightings after a fix that tell the noise
@@ -176,19 +181,23 @@ class _Localiser:
             usual, now = (chi_square_quantile(one, freedom) for one in (0.5, SURPRISE))
             self.marks.append((i, used, self.filter.nis / usual, self.filter.nis / now, mark))
             self._judge(mark, used)
+        locked_out = False
         if self.marks and self.journey.first_row[i] < self.journey.first_row[i + 1]:
             self.rejected = float(np.mean([not one[1] for one in self.marks]))
-            enough = len(self.marks) >= WINDOW // 2
-            if enough:
-                self.usual = float(np.median([one[2] for one in self.marks]))
+            if len(self.marks) >= WINDOW // 2:
+                usual = float(np.median([one[2] for one in self.marks]))
                 now = float(np.median([one[3] for one in list(self.marks)[-RECENT:]]))
-                self.inflation = max(1.0, self.usual, now)
-        locked_out = self.rejected > LOCKED_OUT or self.usual > TOO_SURE
+                self.inflation = max(1.0, usual, now)
+            judged = [one for one in self.marks if one[1] or not self._others_fit(one[4])]
+            if len(judged) >= WINDOW // 2:
+                rejected = float(np.mean([not one[1] for one in judged]))
+                usual = float(np.median([one[2] for one in judged]))
+                locked_out = rejected > LOCKED_OUT or usual > TOO_SURE
         wide = (
             float(np.max(np.diag(self.filter.pose.covariance)[:2]))
             > self.nowhere.covariance[0, 0] / 4.0
         )
-        if (len(self.marks) >= WINDOW // 2 and locked_out) or wide:
+        if locked_out or wide:
             self.say(f"locked out at {self.stamps[i] - self.stamps[0]:.0f} s")
             self.filter, self.since = None, self.marks[0][0] if self.marks else i
             self.next_try_s = 0.0
@@ -196,8 +205,7 @@ class _Localiser:
 
     def _judge(self, mark: int, used: bool) -> None:
         """Find out whether a landmark is elsewhere, by its sightings and those of the others."""
-        others = [one[1] for one in self.marks if one[4] != mark]
-        if len(others) < WINDOW // 4 or np.mean(others) < 1.0 - IN_PLACE:
+        if not self._others_fit(mark):
             return  # the filter may be wrong
         tried = self.tried.setdefault(mark, deque(maxlen=TRIED))
         tried.append(used)
@@ -207,6 +215,11 @@ class _Localiser:
             left = [one for one in self.marks if one[4] != mark]
             self.marks.clear()
             self.marks.extend(left)
+
+    def _others_fit(self, mark: int) -> bool:
+        """Whether the last sightings of the other landmarks fit, so that one that does not is elsewhere."""
+        others = [one[1] for one in self.marks if one[4] != mark]
+        return len(others) >= WINDOW // 4 and float(np.mean(others)) >= 1.0 - IN_PLACE
 
     def _seek(self, i: int) -> None:
         """Look for the pose from the sightings since the robot is lost."""
@@ -246,7 +259,10 @@ class _Localiser:
         config, delay_s = fit_sizes(part, guess, self.delay_s, self.prior)
         if self.fixes == 1:
             self.delay_s, self.journey = delay_s, self.log.journey(delay_s)
-        self.config = dataclasses.replace(config, recover_after=10**9)
+        slip_m, slip_rad = _slip(self.log)
+        self.config = dataclasses.replace(
+            config, recover_after=SLIP, recovery_m=slip_m, recovery_rad=slip_rad
+        )
 
     def _guess(self, fix: Fix) -> PlanarConfig:
         """The guess with noise of sightings as large as the residuals of a fix, half by each of its two terms."""
@@ -272,7 +288,18 @@ class _Localiser:
         self.marks: deque[tuple[int, bool, float, float, int]] = deque(maxlen=WINDOW)
         self.tried: dict[int, deque[bool]] = {}  # last sightings of each landmark: used or not
         self.elsewhere: dict[int, int] = {}  # sightings of a landmark that are still to be ignored
-        self.rejected, self.usual, self.inflation = 0.0, 1.0, 1.0
+        self.rejected, self.inflation = 0.0, 1.0
+
+
+def _slip(log: PlanarLog) -> tuple[float, float]:
+    """Standard deviations, m and rad, that let the gate reach as far as the robot moves in the time of `SLIP` sightings."""
+    start, end = log.stamps_s[[0, -1]]
+    seconds = SLIP * float(np.median(np.diff(np.unique([start, *log.seen_s, end]))))
+    at = np.linspace(start, end, 1 + math.ceil((end - start) / seconds))
+    moved = np.diff([np.interp(at, log.stamps_s, total) for total in log.totals.T])
+    farthest = np.maximum(np.percentile(np.abs(moved), 99.0, axis=1), LEAST_SLIP)
+    path, turn = (farthest / math.sqrt(GATE)).tolist()
+    return path, turn
 
 
 def _nowhere(log: PlanarLog) -> Gaussian:

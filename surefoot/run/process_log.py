@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from pathlib import Path
 
 import numpy as np
 
-from perception.planar._planar_kernels import DRIFT, ODOMETRY_SCALE, TURN_SCALE
+from perception.planar._planar_kernels import DRIFT, ODOMETRY_SCALE, TURN_SCALE, deviations
+from perception.planar.config import PlanarConfig
 from perception.planar.log_localiser import LocalisedLog, localise
 from perception.primitives.gaussian import Gaussian
 
@@ -147,10 +149,19 @@ def _notes(found: LocalisedLog, read: RobotLog) -> tuple[str, ...]:
         state, config = found.final, found.config
         notes.append(
             f"odometry: path x {state[ODOMETRY_SCALE]:.3f}, turn x {state[TURN_SCALE]:.3f}, drift "
-            f"{np.degrees(state[DRIFT]):.3f} deg/s, {found.delay_s:.2f} s before the motion; distances: noise "
-            f"{config.depth_near:.3f} m near by"
+            f"{np.degrees(state[DRIFT]):.3f} deg/s, {found.delay_s:.2f} s before the motion; {_noise(config, read.log.seen)}"
         )
     return tuple(notes)
+
+
+def _noise(config: PlanarConfig, seen: np.ndarray) -> str:
+    """Standard deviations of a sighting at the usual distance; most of the error may be common to many sightings."""
+    far = float(np.nanmedian(np.abs(seen[:, 0])))
+    depth, bearing = deviations(far, 0.0, config.parameters)
+    noise = f"noise at {far:.1f} m: {depth * math.hypot(1.0, config.depth_shared):.3f} m"
+    if np.isnan(seen[:, 1]).all():
+        return noise
+    return f"{noise}, {math.degrees(math.hypot(bearing, config.bearing_shared)):.2f} deg"
 
 
 def _truth(read: RobotLog, stamps_s: np.ndarray) -> np.ndarray:

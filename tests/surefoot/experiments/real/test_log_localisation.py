@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from perception.planar import log_localiser
 from perception.planar._planar_kernels import DRIFT
 from perception.planar.log_localiser import localise
 from surefoot.experiments.real.perturbed_logs import LogErrors
@@ -72,6 +73,35 @@ def test_the_noise_of_another_log_taken_whole_changes_little(kind, request):
     foreign = dataclasses.replace(other.config, depth_memory=100.0, bearing_memory=0.5)
     errors = LogErrors.of(localise(drawn.log, foreign), drawn.truth)
     assert errors.rmse_m() <= 1.3 * LogErrors.of(found, drawn.truth).rmse_m()
+    assert errors.beyond_s < 1.0
+
+
+def test_a_turn_that_runs_on_after_its_command_loses_nobody(tagged, monkeypatch):
+    drawn, found = tagged
+    monkeypatch.setattr(log_localiser, "FIRST_PART", 80)  # sightings; the turn comes after them
+    totals = drawn.log.totals.copy()
+    totals[:, 1] -= math.radians(15.0) * np.clip((drawn.log.stamps_s - 60.0) / 1.5, 0.0, 1.0)
+    slipped = localise(dataclasses.replace(drawn.log, totals=totals))
+    errors = LogErrors.of(slipped, drawn.truth)
+    assert slipped.fixes == 1
+    np.testing.assert_array_equal(slipped.lost, found.lost)
+    assert errors.beyond_s < 1.0
+
+
+def test_a_tag_on_the_robot_itself_is_ignored_from_the_first_fix_on(tagged):
+    drawn, found = tagged
+    log = drawn.log
+    at = log.seen_s[log.seen_s > found.stamps_s[np.argmin(found.lost)]]
+    mark = int(np.argmin(np.bincount(log.marks, minlength=len(log.places))))
+    order = np.argsort(np.append(log.seen_s, at), kind="stable")
+    doubled = dataclasses.replace(
+        log,
+        seen_s=np.append(log.seen_s, at)[order],
+        marks=np.append(log.marks, np.full(len(at), mark))[order],
+        seen=np.vstack([log.seen, np.tile([0.5, 0.2], (len(at), 1))])[order],
+    )
+    errors = LogErrors.of(localise(doubled), drawn.truth)
+    np.testing.assert_array_equal(errors.lost, LogErrors.of(found, drawn.truth).lost)
     assert errors.beyond_s < 1.0
 
 
