@@ -128,54 +128,45 @@ def _seen(target: Pyramid, source: Pyramid, T_session_target: Pose3, T: Pose3) -
 def moved_volumes(compared: Sequence[ComparedImages]) -> list[MovedVolume]:
     """The volumes that only one of two sessions saw filled and that are no larger than furniture, largest share first."""
     total = sum(one.weight for one in compared)
-    shares = [
-        np.full(len(one.second_in_first.points), one.weight / total / max(len(one.second_in_first.points), 1))
-        for one in compared
-    ]  # fmt: skip
     new = [one.second_in_first for one in compared]
-    free, hidden = [one.in_free for one in new], [one.hidden for one in new]
-    found = [
-        MovedVolume(share, 0.0)
-        for share in _held(new, [one.points[f] for one, f in zip(new, free, strict=True)], _chosen(shares, free))
-    ]  # fmt: skip
     old = [one.first_in_second for one in compared]
-    found += [
-        MovedVolume(0.0, share)
-        for share in _held(old, [one.surface[h] for one, h in zip(new, hidden, strict=True)], _chosen(shares, hidden))
-    ]  # fmt: skip
+    shares = [
+        np.full(len(seen.points), one.weight / total / max(len(seen.points), 1))
+        for one, seen in zip(compared, new, strict=True)
+    ]
+    came = _held(
+        _volumes(new),
+        [seen.points[seen.in_free] for seen in new],
+        [share[seen.in_free] for share, seen in zip(shares, new, strict=True)],
+    )
+    went = _held(
+        _volumes(old),
+        [seen.surface[seen.hidden] for seen in new],
+        [share[seen.hidden] for share, seen in zip(shares, new, strict=True)],
+    )
+    found = [MovedVolume(share, 0.0) for share in came] + [MovedVolume(0.0, s) for s in went]
     return sorted(found, key=lambda one: -one.contradicting - one.hidden)
 
 
-def _chosen(
-    shares: Sequence[Float[np.ndarray, "n"]], chosen: Sequence[Bool[np.ndarray, "n"]]
-) -> Float[np.ndarray, "k"]:
-    return np.concatenate([share[these] for share, these in zip(shares, chosen, strict=True)])
-
-
 def _held(
-    seen: Sequence[Seen], points: Sequence[Float[np.ndarray, "k 3"]], shares: Float[np.ndarray, "n"]
+    volumes: Sequence[Int[np.ndarray, "k 3"]],
+    points: Sequence[Float[np.ndarray, "m 3"]],
+    shares: Sequence[Float[np.ndarray, "m"]],
 ) -> list[float]:
-    """Of each volume that the other session saw free: the share of some points in it."""
-    volumes = _volumes(
-        np.concatenate([one.points for one in seen]), np.concatenate([one.in_free for one in seen])
-    )
+    """Sum of the shares of the points in each volume."""
     if not volumes:
         return []
-    cells = np.concatenate(volumes)
     of = np.repeat(np.arange(len(volumes)), [len(one) for one in volumes])
-    away, nearest = map(np.asarray, cKDTree(cells).query(_cells(np.concatenate(points))))
+    tree = cKDTree(np.concatenate(volumes))
+    away, nearest = map(np.asarray, tree.query(_cells(np.concatenate(points))))
     inside = away == 0.0
-    return np.bincount(of[nearest[inside]], shares[inside], len(volumes)).tolist()
+    return np.bincount(of[nearest[inside]], np.concatenate(shares)[inside], len(volumes)).tolist()
 
 
-def _cells(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "n 3"]:
-    return np.floor(points / CELL_M).astype(np.int64)
-
-
-def _volumes(
-    points: Float[np.ndarray, "n 3"], in_free: Bool[np.ndarray, "n"]
-) -> list[Int[np.ndarray, "k 3"]]:
-    """Cells of each connected volume that was seen free, if it is no larger than furniture."""
+def _volumes(seen: Sequence[Seen]) -> list[Int[np.ndarray, "k 3"]]:
+    """Cells of each connected volume that the other session saw free, if it is no larger than furniture."""
+    points = np.concatenate([one.points for one in seen])
+    in_free = np.concatenate([one.in_free for one in seen])
     cells, of = np.unique(_cells(points), axis=0, return_inverse=True)
     of = of.reshape(-1)
     free, every = np.bincount(of, in_free, len(cells)), np.bincount(of, minlength=len(cells))
@@ -187,3 +178,7 @@ def _volumes(
     count, label = connected_components(links, directed=False)
     parts = [cells[label == k] for k in range(count)]
     return [part for part in parts if np.max(np.ptp(part, axis=0) + 1) * CELL_M <= LARGEST_M]
+
+
+def _cells(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "n 3"]:
+    return np.floor(points / CELL_M).astype(np.int64)
