@@ -7,6 +7,7 @@ need them. `make test-layers` does both, `make test-shapes` checks the shapes in
 
 from __future__ import annotations
 
+import gc
 import importlib.abc
 import importlib.util
 import os
@@ -84,6 +85,12 @@ if "sim" not in BLOCKED:
 
     # Painting a scene takes seconds, and many tests of a file walk in the same one.
     pictures.paint_scene = lru_cache(maxsize=2)(pictures.paint_scene)
+
+
+def pytest_collection_finish() -> None:
+    """Modules and tests live to the end: let no search for garbage pass through them."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture
