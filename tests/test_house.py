@@ -7,6 +7,7 @@ import importlib
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -29,9 +30,15 @@ def test_each_package_is_the_one_of_this_tree(package):
     assert Path(found).resolve() == ROOT / package / "__init__.py"
 
 
+@cache
+def tree_of(path: Path) -> ast.Module:
+    """A file as its syntax tree."""
+    return ast.parse(path.read_text())
+
+
 @pytest.mark.parametrize("path", MODULES, ids=name)
 def test_every_module_says_what_it_is(path):
-    tree = ast.parse(path.read_text())
+    tree = tree_of(path)
     assert ast.get_docstring(tree)
     if path.name == "__init__.py" and path != LIBRARY:
         assert len(tree.body) == 1, "an __init__.py holds a docstring and nothing else"
@@ -46,7 +53,7 @@ def test_every_public_function_and_class_is_described():
     for path in MODULES:
         if path.stem.endswith("_kernels"):
             continue
-        for node in ast.parse(path.read_text()).body:
+        for node in tree_of(path).body:
             described = (ast.FunctionDef, ast.ClassDef)
             public = isinstance(node, described) and not node.name.startswith("_")
             if public and not ast.get_docstring(node):
@@ -87,24 +94,26 @@ def test_every_kernel_takes_its_compiler_from_one_place():
 
 def imports(path: Path) -> set[str]:
     """Modules of this project that a file imports, anywhere in it."""
-    known = {module_of(other) for other in MODULES}
     here = module_of(path).split(".")
     package = here if path.name == "__init__.py" else here[:-1]
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.ImportFrom):
             base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
             base = ".".join(part for part in (base, node.module) if part)
             found |= {f"{base}.{alias.name}" for alias in node.names} | {base}
         elif isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-    return (found & known) - {module_of(path), *parents_of(module_of(path))}
+    return (found & KNOWN) - {module_of(path), *parents_of(module_of(path))}
 
 
 def module_of(path: Path) -> str:
     """Dotted name of a file."""
     parts = path.relative_to(ROOT).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+KNOWN = {module_of(path) for path in MODULES}
 
 
 def parents_of(module: str) -> list[str]:
@@ -139,7 +148,7 @@ OWN = {
 def trusting(path: Path) -> list[str]:
     """Calls in a file that read somebody's content without `safe_input`, or run code."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(tree_of(path)):
         call = node.func if isinstance(node, ast.Call) else None
         if isinstance(call, ast.Name) and call.id in ("eval", "exec", "loadmat"):
             found.append(call.id)
