@@ -48,9 +48,9 @@ class Blocker(importlib.abc.MetaPathFinder):
 
 sys.meta_path.insert(0, Blocker())
 
-# The same draws in every run; `--hypothesis-profile=search` draws new ones. No test is timed.
-settings.register_profile("same", derandomize=True, deadline=None)
-settings.register_profile("search", derandomize=False, deadline=None)
+# The same draws in every run; `--hypothesis-profile=search` draws new ones, and more. No test is timed.
+settings.register_profile("same", derandomize=True, deadline=None, max_examples=50)
+settings.register_profile("search", derandomize=False, deadline=None, max_examples=200)
 settings.load_profile("same")
 
 if os.environ.get("CHECK_SHAPES"):
@@ -91,6 +91,7 @@ def pytest_collection_finish() -> None:
     """Modules and tests live to the end: let no search for garbage pass through them."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(10_000)
 
 
 @pytest.fixture
