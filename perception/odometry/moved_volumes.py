@@ -136,34 +136,34 @@ def moved_volumes(compared: Sequence[ComparedImages]) -> list[MovedVolume]:
     ]
     came = _held(
         _volumes(new),
-        [seen.points[seen.in_free] for seen in new],
-        [share[seen.in_free] for share, seen in zip(shares, new, strict=True)],
+        np.concatenate([seen.points[seen.in_free] for seen in new]),
+        np.concatenate([share[seen.in_free] for share, seen in zip(shares, new, strict=True)]),
     )
     went = _held(
         _volumes(old),
-        [seen.surface[seen.hidden] for seen in new],
-        [share[seen.hidden] for share, seen in zip(shares, new, strict=True)],
+        np.concatenate([seen.surface[seen.hidden] for seen in new]),
+        np.concatenate([share[seen.hidden] for share, seen in zip(shares, new, strict=True)]),
     )
     found = [MovedVolume(share, 0.0) for share in came] + [MovedVolume(0.0, s) for s in went]
     return sorted(found, key=lambda one: -one.contradicting - one.hidden)
 
 
 def _held(
-    volumes: Sequence[Int[np.ndarray, "k 3"]],
-    points: Sequence[Float[np.ndarray, "m 3"]],
-    shares: Sequence[Float[np.ndarray, "m"]],
+    volumes: Sequence[Int[np.ndarray, "_ 3"]],
+    points: Float[np.ndarray, "m 3"],
+    shares: Float[np.ndarray, "m"],
 ) -> list[float]:
     """Sum of the shares of the points in each volume."""
     if not volumes:
         return []
     of = np.repeat(np.arange(len(volumes)), [len(one) for one in volumes])
     tree = cKDTree(np.concatenate(volumes))
-    away, nearest = map(np.asarray, tree.query(_cells(np.concatenate(points))))
+    away, nearest = map(np.asarray, tree.query(_cells(points)))
     inside = away == 0.0
-    return np.bincount(of[nearest[inside]], np.concatenate(shares)[inside], len(volumes)).tolist()
+    return np.bincount(of[nearest[inside]], shares[inside], len(volumes)).tolist()
 
 
-def _volumes(seen: Sequence[Seen]) -> list[Int[np.ndarray, "k 3"]]:
+def _volumes(seen: Sequence[Seen]) -> list[Int[np.ndarray, "_ 3"]]:
     """Cells of each connected volume that the other session saw free, if it is no larger than furniture."""
     points = np.concatenate([one.points for one in seen])
     in_free = np.concatenate([one.in_free for one in seen])
