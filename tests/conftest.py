@@ -48,9 +48,9 @@ class Blocker(importlib.abc.MetaPathFinder):
 
 sys.meta_path.insert(0, Blocker())
 
-# The same draws in every run; `--hypothesis-profile=search` draws new ones, and more. No test is timed.
-settings.register_profile("same", derandomize=True, deadline=None, max_examples=50)
-settings.register_profile("search", derandomize=False, deadline=None, max_examples=200)
+# The same draws in every run; `--hypothesis-profile=search` draws new ones. No test is timed.
+settings.register_profile("same", derandomize=True, deadline=None)
+settings.register_profile("search", derandomize=False, deadline=None)
 settings.load_profile("same")
 
 if os.environ.get("CHECK_SHAPES"):

@@ -21,7 +21,7 @@ from .measured import Level
 
 POSE = 6  # translation and rotation of the camera
 HEIGHT = 3  # z, dz/dx, dz/dy
-LEAST_M2 = 1e-12  # against division by zero
+LEAST_VARIANCE = 1e-12  # m^2 or rad^2, against division by zero
 
 
 class HeightFilter:
@@ -63,12 +63,14 @@ class HeightFilter:
         Returns:
             Covariance of what is new in this view; changes of the pose by independent unit errors that stay from view to
             view; and the changes of the coefficients of the distortion by the same errors.
+
+        Source: ours; what is new is the covariance given all that stays (Schur complement).
         """
         n = len(self.mean)
         here = slice(n, n + POSE)
         stays = np.r_[0:n, n + POSE : len(self._P)]
         values, vectors = np.linalg.eigh(self._P[np.ix_(stays, stays)])
-        sigma = np.sqrt(np.maximum(values, LEAST_M2))
+        sigma = np.sqrt(np.maximum(values, LEAST_VARIANCE))
         units = vectors * sigma
         shared = self._P[here, stays] @ vectors / sigma
         new = self._P[here, here] - shared @ shared.T

@@ -280,7 +280,9 @@ def _cells(
     here = robot.mean[:2]
     corner = wanted_m - model.radius_m
     clear = np.hypot(*(occupied - here).T) > min(model.width_m, model.depth_m) / 2.0 + corner
-    occupied = occupied[clear]  # cells that reach under the trunk are errors of the map
+    occupied = occupied[
+        clear
+    ]  # a cell that reaches under the trunk is an error, or shows what a track shows too
     stands = [one for one in obstacles if stands_unseen(one, occupied)]
     places = np.concatenate([occupied, np.array([o.position for o in stands]).reshape(-1, 2)])
     near = np.array([model.radius_m + one.radius_m for one in stands])

@@ -125,8 +125,9 @@ def test_without_true_sightings_the_robot_is_lost_and_claims_nothing():
     assert errors.squared.max() < 9.0
 
 
-def test_landmarks_that_are_elsewhere_are_ignored():
-    drawn = simulated_log(24, ranges=False, seconds=150.0)
+@pytest.mark.parametrize("seed", [24, 25])
+def test_landmarks_that_are_elsewhere_are_ignored(seed):
+    drawn = simulated_log(seed, ranges=False, seconds=150.0)
     log = drawn.log
     known = localise(log)
     moved = np.argsort(np.bincount(log.marks, minlength=len(log.places)))[-2:]
