@@ -164,7 +164,8 @@ def _levels(rng: np.random.Generator) -> str:
 
 
 def _seldom(rng: np.random.Generator) -> str:
-    """Kernels of single options: the field with all additions, an obstacle too near for the guard, global localisation."""
+    """Kernels of single options: all additions of the field, an obstacle too near for the guard, global localisation, PCD."""
+    from mapping.grid.egocentric_grid import EgocentricGrid
     from perception.localisation import scan_search
     from perception.localisation.scan import Scan
     from planning.commands import WalkCommand
@@ -172,6 +173,8 @@ def _seldom(rng: np.random.Generator) -> str:
     from planning.univector import motion
     from planning.univector.fields import FieldConfig
     from sim.sensors.geometric_sensor import GeometricSensor
+
+    from ..recordings._lzf_kernels import lzf_decompress
 
     config, robot, goal = Config(), Gaussian(np.zeros(3), np.eye(3) * 1e-4), np.array([2.0, 0.0])
     coming = Obstacle(
@@ -187,6 +190,8 @@ def _seldom(rng: np.random.Generator) -> str:
     sensor, discs = GeometricSensor(rng), np.array([[1.0, 0.0, 0.1], [1.5, 0.3, 0.1]])
     sensor.look(discs, 0.0, 0.5, colour=True)
     sensor.rays(discs, np.array([-3.0, -3.0, 3.0, 3.0]), np.zeros((1, 3)))
+    lzf_decompress(np.zeros(2, np.uint8), 1)
+    EgocentricGrid(config.grid, np.zeros(2)).update(wall, np.ones(50, np.bool_), 0.0, np.zeros(2))
     return "seldom"
 
 
@@ -279,16 +284,18 @@ def _walkers_by_picture(rng: np.random.Generator) -> str:
 
 def _camera_in_the_hand(rng: np.random.Generator) -> str:
     """Odometry, surface, traversability."""
-    from mapping.io.clouds import CloudBuilder, CloudConfig
+    from mapping.io.clouds import FIRST_CAPACITY, CloudBuilder, CloudConfig
     from mapping.surface.traversability import traversability
     from mapping.surface.tsdf import Tsdf
+    from mapping.surface.tsdf_config import TsdfConfig
     from perception.depth import structured_light
     from perception.odometry.depth_bend import of_pair
     from perception.odometry.pyramid import build
     from perception.odometry.rgbd_odometry import Odometer
 
     CloudBuilder(CloudConfig(most_voxels=8)).add(rng.uniform(0.0, 1.0, (50, 3)))
-    odometer, surface = Odometer(rng), Tsdf()
+    CloudBuilder().add(rng.uniform(0.0, 2.0, (2 * FIRST_CAPACITY, 3)))
+    odometer, surface = Odometer(rng), Tsdf(TsdfConfig(voxel_m=0.005))  # small: storage grows
     for number in range(3):
         view = frame(0.1 * number, rng).depth
         assert view is not None
