@@ -25,8 +25,8 @@ class ReachConfig:
     farthest_m: float = setting(
         3.0,
         "m",
-        "depth beyond which pixels are ignored; times the root of f B / 22.2 px m for a stereo pair with a larger "
-        "product of focal length and baseline",
+        "depth beyond which pixels are ignored, but for the surface map (`surface.farthest_m`); times the root of "
+        "f B / 22.2 px m for a stereo pair with a larger product of focal length and baseline",
         "ours: limits of each sensor",
     )
     stride: int = 1  # 2: every second row and column

@@ -21,6 +21,7 @@ from .phase_unwrapping import wrapped
 
 SIGMA_AT_M = 1.3  # range at which `sigma_m` holds: the published SR-4000 test
 LEAST_AMPLITUDE = 0.03  # ours: a weaker return has no range; share of white_amplitude
+BRIGHTEST = 10.0  # ours: reflectance that half of an image does not have, white being 1; raw units give hundreds
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,27 @@ def depth(view: RangeView, config: TofConfig | None = None) -> Depth:
     z = measured * along
     sigma_z = np.where(np.isfinite(z), sigma * along, z)
     return Depth(z, sigma_z, view.camera, view.T_body_camera, amplitude=view.amplitude)
+
+
+def raw_amplitude(view: RangeView) -> str:
+    """What is wrong with amplitudes in the units of a sensor; empty for those of `depth`.
+
+    The return of a target falls with the square of its range, so amplitude times (range / 2 m)^2 is its reflectance
+    where a white target 2 m straight ahead has amplitude 1. In raw units the noise would seem hundreds of times too
+    small, and no return too weak.
+    """
+    if view.amplitude is None:
+        return ""
+    with np.errstate(invalid="ignore", over="ignore"):
+        reflectance = view.amplitude * np.square(view.range_m / np.float32(2.0))
+        seen = reflectance[np.isfinite(reflectance) & (view.range_m > 0.0)]
+    typical = float(np.median(seen)) if seen.size else 0.0
+    if typical <= BRIGHTEST:
+        return ""
+    return (
+        f"tof: half of the amplitudes are more than {typical:.3g} times those of a white target; divide them by the "
+        "amplitude of a sheet of white paper 2 m straight ahead, or give none"
+    )
 
 
 def without_stray_light(

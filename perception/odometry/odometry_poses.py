@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ..depth.reach import ReachesConfig
 from ..depth.sources import DepthSources
 from ..floor.choose import FloorConfig
 from ..floor.levelling import UP, camera_above_floor
@@ -47,6 +48,7 @@ class OdometryPoses:
         config: OdometerConfig | None = None,
         floor: FloorConfig | None = None,
         sources: DepthSources | None = None,
+        reach: ReachesConfig | None = None,
     ) -> None:
         """Begin before the first frame.
 
@@ -55,9 +57,10 @@ class OdometryPoses:
             config: Settings of the odometry.
             floor: Settings of the floor search.
             sources: Depth images of the frames, shared with the pipeline.
+            reach: As for `Odometer`.
         """
         self._sources = sources or DepthSources()
-        self.odometer = Odometer(rng, config, floor, self._sources.structured_light)
+        self.odometer = Odometer(rng, config, floor, self._sources.structured_light, reach)
         self.stamps: list[float] = []  # of the depth images, s
         self._step: Step | None = None
         self._covariances: dict[int, Float[np.ndarray, "6 6"]] = {}  # of references and the latest

@@ -70,6 +70,7 @@ class Odometer:
         config: OdometerConfig | None = None,
         floor: FloorConfig | None = None,
         noise: StructuredLightConfig | None = None,
+        reach: ReachesConfig | None = None,
     ) -> None:
         """Begin before the first frame.
 
@@ -78,6 +79,7 @@ class Odometer:
             config: Settings of the odometry; the defaults if None.
             floor: Settings of the floor detector.
             noise: Noise model of the depth camera.
+            reach: Depths in which the floor is looked for, if they differ from the default ones; else `FLOOR_REACH_M`.
         """
         self.config = config or OdometerConfig()
         loops = self.config.loops
@@ -90,6 +92,7 @@ class Odometer:
         self._alarm = Alarm()
         self._rng = rng
         self._floor_config, self._noise = floor or FloorConfig(), noise
+        self._reach = reach or ReachesConfig()
         self._T_world_start: Pose3 | None = None
 
     @property
@@ -143,8 +146,10 @@ class Odometer:
         return self.back_end.uncertainty(solution, self.view_error.covariance)
 
     def _floor(self, depth: Depth, sensor: str) -> Plane | None:
-        nearest_m, farthest_m = FLOOR_REACH_M
-        farthest_m = max(farthest_m, ReachesConfig().of(sensor, depth).farthest_m)
+        reach, usual = self._reach.of(sensor, depth), ReachesConfig().of(sensor, depth)
+        nearest_m, farthest_m = reach.nearest_m, reach.farthest_m
+        if reach == usual:
+            nearest_m, farthest_m = FLOOR_REACH_M[0], max(FLOOR_REACH_M[1], farthest_m)
         seen = points.from_depth(depth, nearest_m, farthest_m, FLOOR_STRIDE)
         found = choose.find(seen, handheld_prior(None), self._rng, self._floor_config, sensor)
         return None if found is None else found.plane

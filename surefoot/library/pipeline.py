@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from mapping.objects.footprints import Footprint
+from perception.depth.time_of_flight import raw_amplitude
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.frame import Frame, Imu, StepOdometry
@@ -208,6 +209,8 @@ class Pipeline:
                 f"stamp_s={frame.stamp_s} must be a number larger than the previous one ({self._stamp_s})"
             )
         fault = fault_of(frame) or far_pose(frame)
+        if not fault and frame.tof is not None:
+            fault = raw_amplitude(frame.tof)
         if fault:
             raise InputError(f"frame at {frame.stamp_s} s: {fault}")
         views = (frame.tof, frame.depth, frame.stereo, frame.colour)

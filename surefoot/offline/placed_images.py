@@ -241,7 +241,7 @@ class OdometryCamera(CameraImages):
     def __init__(self, recording: Recording, config: Config, say: Say) -> None:
         super().__init__(recording, config)
         rng = np.random.default_rng(config.seed)
-        self._odometer = Odometer(rng, config.odometer, config.floor_of(recording.info.calibrated))
+        self._odometer = Odometer(rng, config.odometer, self._floor_config, reach=config.reach)
         stamps = []
         of = f" of {recording.info.frames}" if recording.info.frames else ""
         for frame in recording.frames():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Protocol, runtime_checkable
 
+from perception.depth.time_of_flight import raw_amplitude
 from perception.primitives.frame import Frame
 
 from .codec import fault_of
@@ -56,7 +57,9 @@ class CheckedRecording:
             try:
                 log.check_stamp(frame.stamp_s, following)
                 fault = fault_of(frame)
-                if fault is not None:
+                if not fault and frame.tof is not None:
+                    fault = raw_amplitude(frame.tof)
+                if fault:
                     raise FrameError(fault)
             except FrameError as error:
                 log.skip(f"frame {number}", str(error))

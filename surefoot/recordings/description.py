@@ -180,6 +180,13 @@ def read_description(path: Path) -> Description:
     )
 
 
+def adds_scale(description: Description) -> bool:
+    """Whether a description states the depth scale, and neither images nor times nor poses: these are of the layout."""
+    others = set(description.keys) - {*_BESIDE_A_LAYOUT, "depth"}
+    images = description.depth_folder is not None or description.depth_pattern != "*"
+    return description.unit is not None and not others and not images
+
+
 def complete(info: RecordingInfo, description: Description | None) -> RecordingInfo:
     """Information about a known layout, completed by the description.
 
@@ -193,7 +200,10 @@ def complete(info: RecordingInfo, description: Description | None) -> RecordingI
             f"{description.path}: camera.fy is negative; the poses of this folder ({info.kind}) have y down in the "
             "image, so fy must be positive"
         )
-    beyond = [key for key in description.keys if key not in _BESIDE_A_LAYOUT]
+    beside = _BESIDE_A_LAYOUT
+    if info.kind == "tum" and adds_scale(description):
+        beside = (*beside, "depth")
+    beyond = [key for key in description.keys if key not in beside]
     if beyond:
         raise RecordingError(
             f"{description.path}: {beyond[0]} is defined by the layout ({info.kind}) of this folder; "

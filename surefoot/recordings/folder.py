@@ -17,7 +17,7 @@ from perception.primitives.errors import ConfigError, RecordingError
 from perception.primitives.frame import ColourView, DepthView, Frame
 from perception.primitives.pose import Pose3
 
-from .images import DEPTH_ADVICE, DepthUnit, plausible, read_colour, read_depth
+from .images import DEPTH_ADVICE, DepthUnit, plausible, read_colour, read_depth, trusted
 from .recording import (
     DESCRIPTION_FILE,
     FrameError,
@@ -43,6 +43,7 @@ class FrameFiles:
         stamp_s: Stamp in the clock of the recording, s.
         depth, colour: Image files.
         pose: Function that reads T_world_camera of the depth camera; None without a pose.
+        confidence: Image file with 0 where the depth is not to be used; None without one.
     """
 
     name: str
@@ -50,6 +51,7 @@ class FrameFiles:
     depth: Path
     colour: Path | None = None
     pose: Callable[[], Pose3] | None = None
+    confidence: Path | None = None
 
 
 Read = tuple[Frame, SkippedFrame | None]
@@ -161,7 +163,10 @@ class FolderRecording:
 
     def _read(self, files: FrameFiles) -> Read:
         pose = None if files.pose is None else files.pose()
-        depth = DepthView(read_depth(files.depth, self._camera, self._unit), self._camera)
+        image = read_depth(files.depth, self._camera, self._unit)
+        if files.confidence is not None:
+            image = trusted(image, files.confidence, self._camera)
+        depth = DepthView(image, self._camera)
         colour = fault = None
         if files.colour is not None:
             try:

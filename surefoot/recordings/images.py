@@ -128,6 +128,22 @@ def read_depth(path: Path, camera: Camera, unit: DepthUnit) -> Float32[np.ndarra
     return depth
 
 
+def trusted(
+    depth: Float32[np.ndarray, "h w"], confidence: Path, camera: Camera
+) -> Float32[np.ndarray, "h w"]:
+    """Depth without the pixels of confidence 0.
+
+    Raises:
+        FrameError: The image of the confidence cannot be read, has another size, or leaves no pixel.
+    """
+    level = _read("confidence", confidence, cv2.IMREAD_GRAYSCALE)
+    _check_size("confidence", level, camera)
+    left = np.where(level > 0, depth, np.float32(np.nan))
+    if not np.isfinite(left).any():
+        raise FrameError("depth image has no pixel of confidence above 0")
+    return left
+
+
 def _of_floats(image: Float[np.ndarray, "h w"], unit: DepthUnit) -> Float32[np.ndarray, "h w"]:
     """Depth of floats, m."""
     with np.errstate(all="ignore"):

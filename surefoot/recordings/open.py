@@ -10,7 +10,7 @@ from perception.primitives import plugins
 from perception.primitives.errors import InputError, RecordingError
 
 from .checked import CheckedRecording, OwnRecording
-from .description import Description, read_description
+from .description import Description, adds_scale, read_description
 from .euroc import is_euroc, open_euroc
 from .folder import check_suffixes, depth_images
 from .icl_nuim import is_icl_nuim, open_icl_nuim
@@ -24,12 +24,13 @@ from .robot_log import robot_files
 from .rosbag import RosbagRecording, is_rosbag
 from .seven_scenes import is_seven_scenes, open_seven_scenes
 from .stereo_pairs import has_pairs, is_stereo, open_stereo, without_calibration
+from .stray_scanner import is_stray_scanner, open_stray_scanner
 from .tum import is_tum, open_tum
 
 MCAP_NAME = "recording.mcap"
 KINDS = (
     "a run folder or .mcap file of `surefoot simulate --record`, a ROS 1 .bag, a ROS 2 bag (folder, .mcap or "
-    ".db3), a TUM RGB-D, ICL-NUIM, 7-Scenes, EuRoC, Redwood/Open3D or Replica folder, a folder of rectified stereo "
+    ".db3), a TUM RGB-D, ICL-NUIM, 7-Scenes, EuRoC, Redwood/Open3D, Replica or Stray Scanner folder, a folder of rectified stereo "
     "pairs with the calibration of ROS, OpenCV or KITTI, an organised .pcd file, a folder of depth images with a "
     "recording.toml, or (process only) the log of a wheeled robot: an MRCLAM folder or Robot<n>_Odometry.dat of one, "
     "or a Plaza .mat file"
@@ -106,7 +107,8 @@ def _own_mcap(path: Path) -> McapRecording:
 
 def _open_folder(path: Path, description: Description | None) -> Recording:
     if description is not None and description.unit is not None:
-        return open_plain(path, description)
+        listed = is_tum(path) and adds_scale(description)
+        return (open_tum if listed else open_plain)(path, description)
     if is_rosbag(path):
         return RosbagRecording(path, description)
     inside = path / MCAP_NAME
@@ -124,6 +126,8 @@ def _open_folder(path: Path, description: Description | None) -> Recording:
         return open_replica(path, description)
     if is_redwood(path):
         return open_redwood(path, description)
+    if is_stray_scanner(path):
+        return open_stray_scanner(path, description)
     if is_tum(path):
         return open_tum(path, description)
     if is_stereo(path):

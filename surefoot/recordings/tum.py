@@ -3,9 +3,12 @@
 Complete: `depth.txt` and `rgb.txt` list stamps and files (without these lists the file names are the stamps),
 `groundtruth.txt` has the poses; all are associated by time, poses between two of them.
 Thinned: only `depth/` and `rgb/`, and a line of `groundtruth.txt` for each image, see `folder.pose_lines`.
-Depth has 5000 units per metre, and 0 without depth. The intrinsics are those of the benchmark's page for its three
-cameras; the folder name, or the comment of depth.txt that names the bag, selects the camera (freiburg1, fr1, ...), or a
-recording.toml gives them. World z is up.
+Depth of the benchmark has 5000 units per metre, and 0 without depth. The intrinsics are those of the benchmark's page
+for its three cameras; the folder name, or the comment of depth.txt that names the bag, selects the camera (freiburg1,
+fr1, ...), or a recording.toml gives them. World z is up.
+
+Recordings of other cameras have this layout too, often with millimetres. A recording.toml states their camera and, in
+a table [depth], their scale: with a wrong one a room would be five times as small.
 
 Source: Sturm et al., IROS 2012; cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats.
 """
@@ -59,7 +62,7 @@ def open_tum(path: Path, description: Description | None = None) -> FolderRecord
         RecordingError: A list cannot be parsed, the camera is unknown, or images do not match.
     """
     remarks: list[str] = []
-    camera = _camera(path, description, remarks)
+    camera, unit = _camera(path, description, remarks)
     timed = (path / "depth.txt").is_file() or all(is_stamp(p) for p in depth_images(path / "depth"))
     files = _timed(path, remarks) if timed else _counted(path, remarks)
     info = RecordingInfo(
@@ -69,31 +72,38 @@ def open_tum(path: Path, description: Description | None = None) -> FolderRecord
         frames=len(files),
         gravity_up_world=(0.0, 0.0, 1.0),
     )
-    return known_layout(path, info, files, camera, UNIT, remarks, description)
+    return known_layout(path, info, files, camera, unit, remarks, description)
 
 
-def _camera(path: Path, description: Description | None, remarks: list[str]) -> Camera:
-    if description is not None and description.camera is not None:
-        return description.camera
+def _camera(
+    path: Path, description: Description | None, remarks: list[str]
+) -> tuple[Camera, DepthUnit]:
+    """Intrinsics and depth scale: those of the description, else those of the camera of the benchmark."""
+    given = None if description is None else description.camera
+    stated = None if description is None else description.unit
+    if given is not None and stated is not None:
+        return given, stated
     names = [f"folder name {folder.name}" for folder in (path.resolve(), path.resolve().parent)]
     if (path / "depth.txt").is_file():
         names += [f"comment {one!r} of depth.txt" for one in read_comments(path / "depth.txt")]
     for name in names:
         found = re.search(r"(?<![a-z])(?:freiburg|fr)([123])(?!\d)", name.lower())
         if found:
-            remarks.append(
-                f"intrinsics of camera freiburg{found[1]} of the benchmark's page, chosen by the {name}"
-            )
-            return CAMERAS[found[1]]
+            if given is None:
+                remarks.append(
+                    f"intrinsics of camera freiburg{found[1]} of the benchmark's page, chosen by the {name}"
+                )
+            return given or CAMERAS[found[1]], stated or UNIT
     raise RecordingError(
         f"{path}: neither the folder name nor depth.txt has a TUM camera (freiburg1, freiburg2, freiburg3); "
-        f"rename the folder or put a recording.toml beside the images with a table\n"
-        f"{_camera_table()}"
+        f"rename the folder or put a recording.toml beside the images with its intrinsics and depth scale\n"
+        f"{_tables()}"
     )
 
 
-def _camera_table() -> str:
-    return EXAMPLE[EXAMPLE.index("[camera]") : EXAMPLE.index("[depth]")].rstrip()
+def _tables() -> str:
+    lines = EXAMPLE[EXAMPLE.index("[camera]") : EXAMPLE.index("encoding")].splitlines()
+    return "\n".join(line for line in lines if not line.startswith("folder"))
 
 
 def _timed(path: Path, remarks: list[str]) -> list[FrameFiles]:

@@ -322,7 +322,8 @@ def make_pose_source(config: Config, info: RecordingInfo, sources: DepthSources)
     if info.start is None:
         alone = replace(config.odometer, loops=False)  # loop closure needs the whole recording
         rng = np.random.default_rng(config.seed)
-        return OdometryPoses(rng, alone, config.floor_of(info.calibrated), sources)
+        floor = config.floor_of(info.calibrated)
+        return OdometryPoses(rng, alone, floor, sources, config.reach)
     covariance = (
         np.diag(np.square([config.prior.start_m] * 2 + [np.radians(config.prior.start_deg)]))
         if info.start_covariance is None

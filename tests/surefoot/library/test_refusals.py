@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import surefoot as sf
+from perception.primitives.frame import Frame, RangeView
 
 if os.environ.get("CHECK_SHAPES"):
     pytest.skip("the check of types comes before the library", allow_module_level=True)
@@ -297,6 +298,26 @@ def test_the_arguments_beside_the_wrong_one_are_right(function):
 def test_an_amplitude_must_be_an_image(given):
     with pytest.raises(sf.InputError, match="amplitude"):
         added(range_m=DEPTH, camera=CAMERA, T_body_camera=sf.Pose3(), **given)
+
+
+@pytest.mark.parametrize("units", [255.0, 4000.0])
+@pytest.mark.parametrize("range_m", [0.5, 2.0, 4.0])
+def test_amplitudes_in_the_units_of_a_sensor_are_refused_with_advice(units, range_m):
+    """A grey wall, reflectance .4, by the inverse square law; `units` for white paper at 2 m."""
+    view = {"walks": False, "range_m": range_m * DEPTH, "camera": CAMERA}
+    amplitude = 0.4 * (2.0 / range_m) ** 2 * DEPTH
+    added(amplitude=amplitude, **view)
+    with pytest.raises(sf.InputError, match=r"tof: .* divide them by .* white paper 2 m"):
+        added(amplitude=units * amplitude, **view)
+    raw = RangeView(range_m * DEPTH, units * amplitude, CAMERA)
+    with pytest.raises(sf.InputError, match="divide them"):
+        sf.Pipeline().add_frame(Frame(0.0, raw))
+
+
+def test_a_few_mirrors_are_no_other_units():
+    amplitude = 0.4 * DEPTH
+    amplitude[:2] = 900.0
+    added(walks=False, amplitude=amplitude, range_m=2.0 * DEPTH, camera=CAMERA)
 
 
 def test_the_message_of_a_matrix_says_how_a_pose_is_made_of_it():

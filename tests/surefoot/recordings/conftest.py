@@ -24,6 +24,7 @@ from perception.primitives.frame import (
 from perception.primitives.pose import Pose2, Pose3
 
 WIDTH, HEIGHT = 16, 12
+VIDEO_PX = 1920  # width of the video of an iPhone
 TOML = """\
 rate_hz = 10.0
 [camera]
@@ -166,6 +167,30 @@ def replica(tmp_path: Path) -> Path:
     camera = {"w": WIDTH, "h": HEIGHT, "fx": 14, "fy": 14, "cx": 7.5, "cy": 5.5, "scale": 6553.5}
     (path / "cam_params.json").write_text(json.dumps({"camera": camera}))
     np.savetxt(path / "traj.txt", np.tile(np.eye(4).ravel(), (2, 1)))
+    return path
+
+
+@pytest.fixture
+def stray_scanner(tmp_path: Path) -> Path:
+    """Three frames of an iPhone; the last one has no pose."""
+    path = tmp_path / "71de12f9"
+    level = np.full((HEIGHT, WIDTH), 2, np.uint8)
+    level[:, :3] = 0
+    for i in range(3):
+        write_image(path / f"depth/{i:06d}.png", depth_units(i))
+        write_image(path / f"confidence/{i:06d}.png", level)
+    s = VIDEO_PX / WIDTH
+    (path / "camera_matrix.csv").write_text(
+        f"{14 * s}, 0.0, {8 * s - 0.5}\n0.0, {14 * s}, {6 * s - 0.5}\n0.0, 0.0, 1.0\n"
+    )
+    half = 0.5**0.5
+    (path / "odometry.csv").write_text(
+        "timestamp, frame, x, y, z, qx, qy, qz, qw, fx, fy, cx, cy, distortion_center_x, distortion_center_y\n"
+        + "".join(
+            f"{65575.5 + 0.1 * i}, {i:06d}, {0.1 * i}, 1.4, 0.0, {half}, {-half}, 0.0, 0.0, 1, 1, 1, 1, , \n"
+            for i in range(2)
+        )
+    )
     return path
 
 

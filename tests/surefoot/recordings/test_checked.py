@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from perception.primitives.camera import Camera
-from perception.primitives.frame import DepthView, Frame
+from perception.primitives.errors import RecordingError
+from perception.primitives.frame import DepthView, Frame, RangeView
 from perception.primitives.pose import Pose3
 from surefoot.recordings.checked import CheckedRecording
 from surefoot.recordings.open import open_recording
@@ -64,6 +65,16 @@ def test_frames_that_cannot_be_used_are_skipped_and_counted(tmp_path, monkeypatc
     assert len(list(again.frames())) == 2
     assert again.remarks == ["dim"]
     assert [one.name for one in again.skipped][:2] == ["a", "frame 1"]
+
+
+def test_a_reader_whose_amplitudes_are_in_other_units_is_told_how_to_scale_them():
+    class Raw(Stamped):
+        def frames(self):
+            view = RangeView(2.0 * DEPTH, 3000.0 * DEPTH, CAMERA, Pose3())
+            return (Frame(stamp_s, view) for stamp_s in self.stamps)
+
+    with pytest.raises(RecordingError, match=r"no frame can be used .* divide them"):
+        list(CheckedRecording(Raw(COURSE)).frames())
 
 
 class Stamped:

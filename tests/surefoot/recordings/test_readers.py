@@ -78,6 +78,30 @@ def test_the_comment_of_a_list_tells_the_camera_of_a_renamed_folder(tum_listed, 
     )
 
 
+def test_lists_and_poses_of_another_camera_go_with_its_scale(tum_listed, tmp_path):
+    """As ORB-SLAM's users record a RealSense: lists as of the benchmark, millimetres."""
+    with (tum_listed / "recording.toml").open("a") as toml:
+        toml.write("[depth]\nscale_per_metre = 1000\nnone = [0]\n")
+    folder = tum_listed.rename(tmp_path / "mine")
+    recording = open_recording(folder)
+    frames = list(recording.frames())
+    assert [frame.stamp_s for frame in frames] == [0.5, 1.5, 2.5, 3.5]
+    for i, frame in enumerate(frames):
+        np.testing.assert_allclose(frame.depth.depth, units(i) / 1000.0, rtol=1e-7)
+        assert frame.colour is not None
+    assert [f.T_world_camera and f.T_world_camera.translation[0] for f in frames] == [
+        *(0.5, 1.5, 2.5),
+        None,
+    ]
+    assert recording.info.gravity_up_world == (0.0, 0.0, 1.0)
+
+
+def test_a_tum_folder_of_an_unknown_camera_needs_its_scale(tum_listed, tmp_path):
+    folder = tum_listed.rename(tmp_path / "mine")
+    with pytest.raises(RecordingError, match=r"intrinsics and depth scale\n(.*\n)*scale_per_metre"):
+        open_recording(folder)
+
+
 def test_a_tum_folder_without_lists_uses_the_stamps_of_the_file_names(tum_listed):
     listed = [(f.stamp_s, f.T_world_camera) for f in open_recording(tum_listed).frames()]
     for name in ("depth.txt", "rgb.txt"):
@@ -112,6 +136,38 @@ def test_the_folder_name_selects_the_tum_camera(tum, tmp_path, name, fx):
     cv2.imwrite(str(tmp_path / name / "depth/0000.png"), big)
     cv2.imwrite(str(tmp_path / name / "rgb/0000.png"), np.zeros((480, 640, 3), np.uint8))
     assert next(recording.frames()).depth.camera.fx == fx
+
+
+def test_stray_scanner(stray_scanner):
+    """Two of three frames have a pose; the camera is turned by 90 deg, as a phone that is held upright."""
+    recording = open_recording(stray_scanner)
+    frames = list(recording.frames())
+    assert (recording.info.kind, recording.info.gravity_up_world) == (
+        "stray_scanner",
+        (0.0, 1.0, 0.0),
+    )
+    assert [frame.stamp_s for frame in frames] == [65575.5, 65575.6]
+    assert recording.skipped == []
+    assert any("1 of 3 depth images have no line" in one for one in recording.remarks)
+    camera = frames[0].depth.camera
+    assert (camera.fx, camera.fy) == pytest.approx((14.0, 14.0))
+    assert (camera.cx, camera.cy) == pytest.approx((7.5, 5.5))
+    for i, frame in enumerate(frames):
+        expected = units(i) / 1000.0
+        expected[:, :3] = np.nan  # confidence 0
+        np.testing.assert_allclose(frame.depth.depth, expected, rtol=1e-7)
+        np.testing.assert_allclose(frame.T_world_camera.position, (0.1 * i, 1.4, 0.0))
+        # its x axis points down, its optical axis level to -z of ARKit
+        axes = frame.T_world_camera.rotation
+        np.testing.assert_allclose(axes[:, 0], (0.0, -1.0, 0.0), atol=1e-7)
+        np.testing.assert_allclose(axes[:, 2], (0.0, 0.0, -1.0), atol=1e-7)
+
+
+def test_a_frame_of_stray_scanner_without_any_confidence_is_skipped(stray_scanner):
+    cv2.imwrite(str(stray_scanner / "confidence/000000.png"), np.zeros((12, 16), np.uint8))
+    recording = open_recording(stray_scanner)
+    assert len(list(recording.frames())) == 1
+    assert "confidence" in recording.skipped[0].reason
 
 
 def test_seven_scenes(seven_scenes):

@@ -11,16 +11,19 @@ import numpy as np
 import pytest
 
 import surefoot
+from perception.depth.reach import ReachConfig, ReachesConfig
 from perception.localisation.pose_source import PoseSource
 from perception.odometry.odometry import FIRST, LOST, TRACKED
 from perception.odometry.odometry_poses import OdometryPoses
 from perception.odometry.rgbd_odometry import Odometer, OdometerConfig
+from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
-from perception.primitives.frame import Frame
+from perception.primitives.frame import DepthView, Frame
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose3, wrap_angle
 from surefoot.config.schema import Config
 from surefoot.recordings.open import open_recording
+from surefoot.recordings.recording import RecordingInfo
 from surefoot.run.pipeline import Pipeline
 
 
@@ -104,3 +107,16 @@ def test_frames_without_depth_give_no_pose(recordings: Path) -> None:
     assert tracked.pose is None
     with pytest.raises(InputError, match="no depth"):
         Odometer(np.random.default_rng(0)).track(Frame(0.0))
+
+
+def test_the_reach_that_a_user_sets_counts_for_the_floor_of_the_odometry() -> None:
+    """A level camera 1.7 m above the floor, whose lowest row sees it 7.4 m ahead."""
+    camera = Camera(160, 120, 260.0, 260.0, 79.5, 59.5)
+    below = (np.mgrid[:120, :160][0] - 59.5) / 260.0
+    z = (1.7 / np.where(below > 0.02, below, np.nan)).astype(np.float32)
+    config = Config(reach=ReachesConfig(depth=ReachConfig(0.3, 12.0, 2)))
+    source = Pipeline(config, RecordingInfo("hand", "plain")).pose_source
+    assert isinstance(source, OdometryPoses)
+    source.odometer.track(Frame(0.0, depth=DepthView(z, camera)))
+    assert source.odometer.T_world_start is not None
+    assert source.odometer.T_world_start.position[2] == pytest.approx(1.7, abs=0.03)
