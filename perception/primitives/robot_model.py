@@ -160,11 +160,6 @@ class RobotModel:
         """Radius relative to a DARwIn-OP's, the scale of the distances kept from obstacles."""
         return self.radius_m / RADIUS_M
 
-    @property
-    def leg_scale(self) -> float:
-        """Hip height relative to a DARwIn-OP's, the scale of steps."""
-        return self.hip_m / HIP_M
-
 
 DARWIN_OP = RobotModel()
 """The robot of seeds 000, 001 and 003."""

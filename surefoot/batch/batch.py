@@ -15,6 +15,7 @@ from typing import Any
 
 from perception.primitives.errors import InputError, OutputError
 
+from ..progress import Say
 from ..results.formats import refuse
 from ..results.run_folder import MARK, RunFolder
 from ..results.version import version
@@ -28,8 +29,6 @@ DEATHS = 2  # workers that a recording may kill before it is put in quarantine
 LOSSES = 5  # ours: workers that may be lost for other reasons while they have it
 ATTEMPTS = 3  # ours: at what fails for a reason that may pass (disk, network)
 PAGES_EVERY_S = 60.0
-
-Say = Callable[[str], None]
 
 
 def run_batch(

@@ -11,11 +11,11 @@ import contextlib
 import queue
 import time
 import uuid
-from collections.abc import Callable
 from typing import Any
 
 from perception.primitives.errors import ConfigError, SurefootError
 
+from ..progress import Say
 from .job import AGAIN, LOST, Answer, Job
 from .worker import serve
 
@@ -37,7 +37,7 @@ class DaskCluster:
         ConfigError: Dask is not installed, or no scheduler answers.
     """
 
-    def __init__(self, address: str, memory_gib: float, say: Callable[[str], None]) -> None:
+    def __init__(self, address: str, memory_gib: float, say: Say) -> None:
         self._distributed = _library()
         self._address, self._memory_gib, self._say = address, memory_gib, say
         self._given: dict[str, tuple[Job, Any]] = {}

@@ -21,6 +21,7 @@ from perception.primitives.errors import RecordingError, SurefootError
 
 from ..config.load import load, own_settings
 from ..config.schema import Config
+from ..progress import silent
 from ..results import run_lock
 from ..results.run_folder import RunFolder
 from ..results.version import version
@@ -155,7 +156,7 @@ def _config(job: Job, source: Path) -> Config:
 def _process(job: Job, source: Path, part: Path) -> str:
     from ..run.process import process
 
-    process(source, None, _config(job, source), part, _silent)
+    process(source, None, _config(job, source), part, silent)
     return ""
 
 
@@ -163,7 +164,7 @@ def _map(job: Job, source: Path, part: Path) -> str:
     from ..offline.job import Job as Offline
     from ..offline.map import map_recording
 
-    map_recording(Offline.open("map", source, None, _config(job, source), part), _silent)
+    map_recording(Offline.open("map", source, None, _config(job, source), part), silent)
     return ""
 
 
@@ -172,7 +173,7 @@ def _panorama(job: Job, source: Path, part: Path) -> str:
     from ..offline.panorama import run_panorama
 
     opened = Offline.open("panorama", source, None, _config(job, source), part)
-    content = run_panorama(opened, _silent)
+    content = run_panorama(opened, silent)
     if content["failed"]:
         raise RecordingError(str(content["failed"]))
     return ""
@@ -182,7 +183,7 @@ def _simulate(job: Job, source: Path, part: Path) -> str:
     from ..run.simulate import simulate
 
     config = load(job.settings, job.overrides, scene=job.source or None, seed=job.seed)
-    summary = simulate(config, part, job.record, _silent)
+    summary = simulate(config, part, job.record, silent)
     if summary.succeeded:
         return ""
     if summary.fell_at_s is not None:
@@ -192,7 +193,3 @@ def _simulate(job: Job, source: Path, part: Path) -> str:
 
 
 _VERBS = {PROCESS: _process, MAP: _map, PANORAMA: _panorama, SIMULATE: _simulate}
-
-
-def _silent(text: str) -> None:
-    """Nobody listens."""

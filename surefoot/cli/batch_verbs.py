@@ -13,6 +13,7 @@ import click
 
 from perception.primitives.errors import InputError
 
+from ..progress import Say
 from .options import (
     PATH,
     Number,
@@ -41,7 +42,7 @@ class Workers:
     scheduler: str | None
     again: bool
 
-    def start(self, say: Callable[[str], None]) -> Executor:
+    def start(self, say: Say) -> Executor:
         """Start the workers; print how many, and the memory that each may take."""
         if self.scheduler is not None:
             from ..batch.dask_cluster import DaskCluster

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from ..progress import silent
 from .options import PATH, Number, json_option
 
 MOST_ROWS = 100  # ours: of an answer, on the terminal
@@ -104,7 +105,7 @@ def compare(
     found = measure((first, *others), _notice, ALARM if alarm is None else alarm)
     path = Path("runs") / "compare.html" if out is None else out
     path.parent.mkdir(parents=True, exist_ok=True)
-    compare_page.write_page(found, path, lambda text: None)
+    compare_page.write_page(found, path, silent)
     if as_json:
         click.echo(json.dumps([plain_json(one.content()) for one in found], indent=1))
         return

@@ -22,6 +22,7 @@ from perception.primitives.pose import Pose2, Pose3, head_rotation
 from planning.planners.search_planner import SearchPlanner
 
 from ..config.schema import Config
+from ..progress import Say
 from ..recordings.recording import RecordingInfo
 from ..run.pipeline import Pipeline
 
@@ -45,7 +46,7 @@ def frame(stamp_s: float, rng: np.random.Generator) -> Frame:
     )
 
 
-def warm(say: Callable[[str], None]) -> None:
+def warm(say: Say) -> None:
     """Run every compiled path once, two at a time.
 
     Args:

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from ..results.tables import Trajectory
 from .foreign_trajectory import EUROC, KITTI, TUM, ForeignTrajectory
-from .metrics.trajectory import LEAST_SPREAD_M, Alignment, align, distances, rms
+from .metrics.averages import rms
+from .metrics.trajectory import LEAST_SPREAD_M, Alignment, align, distances
 
 QUARTERS = 4  # ours: parts of a trajectory that must agree on the offset of the clocks
 LEAST_POSES = 40  # ours: for that

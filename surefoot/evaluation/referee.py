@@ -22,6 +22,7 @@ from .conventions import clock_doubt, doubt
 from .foreign_covariance import PLANAR, POSITION, SPACE, Claims, read_claims
 from .foreign_trajectory import ForeignTrajectory, pairs, read_trajectory
 from .metrics import calibration as scores
+from .metrics.averages import rms
 from .metrics.consistency import consistency_metrics, effective_samples, squared, whitened
 from .metrics.gauge_alignment import (
     MAX_BODY_ROTATION_DEG,
@@ -34,7 +35,6 @@ from .metrics.trajectory import (
     align,
     pick,
     relative_errors,
-    rms,
     trajectory_metrics,
     wrapped,
 )

@@ -13,11 +13,11 @@ from perception.primitives.errors import InputError
 
 from ..config.load import load, own_settings
 from ..config.schema import Config
+from ..progress import Say, silent
 from . import checks
 from .run_results import Run, opened
 
 Place = str | Path
-Say = Callable[[str], None]
 
 
 def simulate(
@@ -71,7 +71,7 @@ def simulate(
         seed = checks.whole(seed, "seed")
     asked = configuration(config, {**_given(settings), **chosen}, scene, seed)
     folder, temporary = _folder(out)
-    run(asked, folder, record, say or _silent)
+    run(asked, folder, record, say or silent)
     return opened(folder, temporary)
 
 
@@ -105,7 +105,7 @@ def process(
     path = checks.path(recording, "recording")
     asked = configuration(own_settings(path) if config is None else config, _given(settings))
     folder, temporary = _folder(out)
-    run(path, _path(description, "description"), asked, folder, say or _silent)
+    run(path, _path(description, "description"), asked, folder, say or silent)
     return opened(folder, temporary)
 
 
@@ -219,7 +219,7 @@ def _offline(
     path = checks.path(recording, "recording")
     asked = configuration(own_settings(path) if config is None else config, _given(settings))
     folder, temporary = _folder(out)
-    work(Job.open(verb, path, _path(description, "description"), asked, folder), say or _silent)
+    work(Job.open(verb, path, _path(description, "description"), asked, folder), say or silent)
     return opened(folder, temporary)
 
 
@@ -269,7 +269,3 @@ def _folder(out: Place | None) -> tuple[Path, tempfile.TemporaryDirectory[str] |
         return checks.path(out, "out"), None
     temporary = tempfile.TemporaryDirectory(prefix="surefoot-")
     return Path(temporary.name) / "run", temporary
-
-
-def _silent(text: str) -> None:
-    """Nobody listens."""

@@ -28,8 +28,8 @@ from perception.primitives.errors import InputError, OutputError
 from perception.primitives.pose import Pose3
 
 from ..config.schema import Config
+from ..progress import Say
 from ..recordings.recording import Recording
-from ..run.summary import Say
 
 MOST_VIEWS = 60  # ours: views of a recording, evenly spaced
 SHAPES = ("scale", "right", "down", "right^2", "right down", "down^2")

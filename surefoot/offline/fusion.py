@@ -20,9 +20,9 @@ from perception.floor.segmented_view import sees_through
 from perception.primitives.errors import InputError
 
 from ..config.schema import Config
+from ..progress import Say
 from ..results.run_folder import RunFolder
 from .camera_moments import CameraMoments
-from .job import Say
 from .placed_images import PlacedImage
 
 

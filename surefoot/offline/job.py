@@ -6,7 +6,6 @@ Every folder holds config.toml, with which the verb gives the same result again,
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from ..results.camera_trajectory import write_poses
 from ..results.run_folder import RunFolder
 from ..results.version import commit, version
 
-Say = Callable[[str], None]
 TRUTH = "truth/trajectory.txt"
 
 

@@ -7,9 +7,10 @@ from typing import Any
 
 from perception.primitives.errors import RecordingError
 
+from ..progress import Say
 from ..words import count_of
 from .fusion import Fusion
-from .job import Job, Say, count_reasons
+from .job import Job, count_reasons
 from .placed_images import PlacedImages, WalkingBody, placed_images
 
 

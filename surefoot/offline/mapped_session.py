@@ -31,11 +31,11 @@ from perception.smoothing.factors import LoopClosure, Motion
 from ..config import toml
 from ..config.schema import Config
 from ..evaluation.foreign_graph import read_g2o
+from ..progress import Say
 from ..recordings.recording import Recording
 from ..recordings.without_poses import open_input
 from ..results.run_folder import RECORDING, SPACE_HEADER, RunFolder
 from ..results.trajectory_uncertainty import SPACE
-from .job import Say
 from .placed_images import NO_FLOOR, CameraImages, PlacedImage, PlacedImages, WalkingBody
 
 MOST_VIEWS = 80  # ours: images that are variables, unless the graph of the map has more

@@ -20,9 +20,9 @@ from perception.odometry.session_graph import join
 from perception.odometry.session_links import PairLinks, link_sessions
 from perception.primitives.errors import InputError, OutputError
 
+from ..progress import Say
 from ..results.run_folder import RunFolder
 from ..results.version import commit, version
-from .job import Say
 from .mapped_session import MappedSession, read_images
 from .merged_part import Part, Written, write_part
 

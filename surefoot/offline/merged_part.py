@@ -26,12 +26,12 @@ from perception.odometry.view_errors import view_error_covariances
 from perception.primitives.pose import Pose3
 
 from ..config import toml
+from ..progress import Say
 from ..results.camera_trajectory import write_poses
 from ..results.run_folder import RunFolder
 from ..results.trajectory_uncertainty import write_covariances
 from .fusion import Fusion
 from .g2o import write_g2o
-from .job import Say
 from .mapped_session import MappedSession, SessionImages
 from .placed_images import PlacedImage
 

@@ -25,12 +25,13 @@ from perception.primitives.frame import DepthView, Frame
 from perception.primitives.plane import Plane
 
 from ..config.schema import Config
+from ..progress import Say, silent
 from ..recordings.recording import FrameError, Recording, SkipLog
 from ..report.plots.monocular import stages
 from ..run.pipeline import Pipeline
 from .camera_moments import CameraMoments
 from .colour_camera_pose import T_floor_colour
-from .job import Job, Say, count_reasons
+from .job import Job, count_reasons
 
 NEAR_FLOOR_M = 0.015  # ours: a depth point this near to the plane is floor, ...
 NEAR_FLOOR_PER_M = 0.01  # ours: ... and farther by this times depth squared
@@ -70,7 +71,7 @@ def colour_floors(
     recording: Recording,
     config: Config | None = None,
     skips: SkipLog | None = None,
-    say: Say = lambda text: None,
+    say: Say = silent,
 ) -> Iterator[ColourFloor]:
     """The floor by colour of every frame with a picture; the cycle also gets the picture before it.
 

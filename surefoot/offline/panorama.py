@@ -30,10 +30,11 @@ from perception.floor.common_floor import CommonFloor
 from perception.primitives.errors import RecordingError
 
 from ..config.schema import Config
+from ..progress import Say
 from ..report.plots import panorama as plots_panorama
 from ..report.plots import style
 from .camera_moments import CameraMoments
-from .job import Job, Say, count_reasons
+from .job import Job, count_reasons
 from .panorama_views import Gathered, found_base, gather
 
 SEED = 43  # of the RANSAC that matches pictures

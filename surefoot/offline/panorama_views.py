@@ -29,9 +29,9 @@ from perception.primitives.frame import Depth, Frame
 from perception.primitives.pose import Pose2, Pose3
 
 from ..config.schema import Config
+from ..progress import Say
 from ..recordings.recording import Recording
 from ..run.pipeline import Pipeline
-from .job import Say
 
 FARTHEST_M = 5.0  # ours: range that is white in the pictures in which features are found
 SEED = 43  # of the floor search

@@ -36,6 +36,7 @@ from perception.primitives.pose import Pose3
 from perception.smoothing.factors import turned_covariance
 
 from ..config.schema import Config
+from ..progress import Say
 from ..recordings.recording import Recording
 from ..results.camera_trajectory import CameraTrajectory, write_poses
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
@@ -43,7 +44,6 @@ from ..results.tracking import write_tracking
 from ..results.trajectory_uncertainty import write_covariances
 from ..run.pipeline import Pipeline
 from .g2o import write_g2o
-from .job import Say
 
 ABOVE_FLOOR_M = 0.03  # ours: lower points below a moving obstacle are floor
 FLOOR_VIEWS = 100  # ours: images in which the floor is sought; more take long and tell no more

@@ -28,6 +28,7 @@ from ..results.moment import Moment
 from ..results.moments import held, read_moments
 from ..results.run_folder import RunFolder
 from ..results.version import version
+from ..words import count_of
 from .film_map import INK, PAPER, Ground, draw_intention, draw_robot, draw_surfaces, draw_tracks
 
 FILM = "film.webp"
@@ -48,7 +49,10 @@ def film(run: RunFolder, out: Path) -> Path:
     """
     moments = [one for one in held(read_moments(run)) if one.pose is not None]
     if len(moments) < 2:
-        raise InputError(f"{run.root}: no poses over time in its estimates; a film needs a walk")
+        raise InputError(
+            f"{run.root}: {count_of(len(moments), 'moment')} with a pose; a film needs a walk that is longer. "
+            "Continue an interrupted run with `surefoot process --resume`"
+        )
     moments = _pictured(moments)
     robot = load(run.path("config.toml")).robot_model if moments[-1].feet is not None else None
     frames = _frames(moments, robot)
@@ -153,6 +157,8 @@ def _words(moment: Moment, start_s: float) -> str:
     words = f"t {moment.stamp_s - start_s:5.1f} s    sigma {1e3 * math.hypot(*sigma[:2]):.0f} mm, {math.degrees(sigma[2]):.1f} deg"
     if moment.why:
         words += f"    {moment.why}"
+    if moment.surfaces is not None:  # a walk over several levels tracks nothing
+        return words
     moving = sum(one.moving >= MOVING for one in moment.tracks)
     return words + f"    obstacles tracked: {len(moment.tracks)}, moving: {moving}"
 
@@ -180,7 +186,8 @@ def _depth(moment: Moment) -> np.ndarray | None:
     level = np.clip(1.15 - depth / max(float(depth.max()), 1.0), 0.0, 1.0)
     picture = cv2.applyColorMap((255 * level).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
     picture[moment.depth == 0] = 0
-    return _fitted(np.asarray(picture), f"depth ({moment.depth_sensor})")
+    named = "depth" if moment.depth_sensor in ("", "depth") else f"depth ({moment.depth_sensor})"
+    return _fitted(np.asarray(picture), named)
 
 
 def _fitted(picture: np.ndarray, name: str) -> np.ndarray:

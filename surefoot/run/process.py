@@ -11,6 +11,7 @@ from perception.odometry.odometry_poses import OdometryPoses
 from perception.primitives.errors import RecordingError
 
 from ..config.schema import Config
+from ..progress import Say
 from ..recordings.identity import identity
 from ..recordings.robot_log import robot_files
 from ..recordings.without_poses import WithoutPoses, open_input
@@ -26,7 +27,7 @@ from .loop import cycles
 from .pipeline import Pipeline
 from .process_log import process_log
 from .run_recorder import RunRecorder
-from .summary import Say, Summary, _count, _reasons
+from .summary import Summary, _count, _reasons
 
 
 def process(

@@ -15,6 +15,7 @@ from perception.primitives.gaussian import Gaussian
 
 from ..config import toml
 from ..config.schema import Config
+from ..progress import Say
 from ..recordings.identity import identity
 from ..recordings.robot_log import RobotLog, open_robot_log
 from ..results.moment import Moment
@@ -22,7 +23,7 @@ from ..results.moments import MomentWriter
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 from ..results.version import commit, version
 from .moment_recorder import EVERY_S
-from .summary import Say, Summary
+from .summary import Summary
 
 MOST_MOMENTS = 3000  # ours: interval of poses in estimates.mcap; logs last many minutes
 ELSEWHERE = 0.3  # ours: ignored share of a landmark's sightings for which it is named

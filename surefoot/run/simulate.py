@@ -18,6 +18,7 @@ from planning.planners.mission import ON_LEVELS
 from planning.planners.planner import Planner
 
 from ..config.schema import Config
+from ..progress import Say
 from ..recordings.mcap_format import RecordingWriter
 from ..recordings.recording import RecordingInfo
 from ..results.run_folder import RunFolder
@@ -27,7 +28,7 @@ from .interrupt import stop_requested
 from .level_pipeline import make_pipeline
 from .loop import Cycle, cycles
 from .run_recorder import RunRecorder
-from .summary import Decided, Say, Summary, why_unfinished
+from .summary import Decided, Summary, why_unfinished
 
 if TYPE_CHECKING:
     from sim.robot import SimulatedRobot
@@ -42,6 +43,19 @@ START_COVARIANCE = np.diag(np.square([0.01, 0.01, np.radians(1.0)]))
 """Ours: covariance of the start pose (x, y, yaw) of a robot that somebody puts on its mark, m^2 and rad^2."""
 SETTLING = np.diag(np.square([0.005, 0.005, np.radians(3.0)]))
 """Ours: added for a dynamic body, which rotates by some degrees while its soles settle."""
+
+
+def scene_of(config: Config) -> Scene:
+    """The scene of a walk, with its walls, objects and movers.
+
+    Raises:
+        InputError: Unknown scene, or a scene file that cannot be read.
+    """
+    from sim.scenes import catalogue  # loaded only for simulation
+
+    return catalogue.load(
+        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
+    )
 
 
 def start_covariance(robot: RobotConfig) -> Float[np.ndarray, "3 3"]:
@@ -101,16 +115,13 @@ def simulate(
     """
     from sim.faults.injection import FaultInjector
     from sim.robot import SimulatedRobot
-    from sim.scenes import catalogue  # loaded only for simulation
     from sim.world import World
 
     from ..results.ground_truth_log import TruthLog
     from ..results.level_truth import LevelTruth
 
     config.robot.require()
-    scene = catalogue.load(
-        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
-    )
+    scene = scene_of(config)
     config = level_walk.planned(config, scene)
     goals = () if config.mission.wander else scene.goals[: config.mission.goals]
     folder = RunFolder.create(out, name=f"{scene.name}-{config.seed}")

@@ -23,13 +23,13 @@ from sim.faults.injection import KINDS
 from ..config.presets import on_body
 from ..config.schema import Config
 from ..evaluation.evaluate import evaluate
+from ..progress import Say, silent
 from ..results.formats import refuse
 from ..results.run_folder import RunFolder
 from ..results.tables import read_table
 from .interrupt import stop_requested
 from .memory import give_back, memory_mb
 from .simulate import simulate
-from .summary import Say
 
 TABLE = "soak.csv"
 SCENES = ("home", "flat", "hall", "office")
@@ -112,7 +112,7 @@ def _walk(number: int, process: int, out: Path, config: Config) -> Walk:
     config = drawn(number, config)
     began_s = time.monotonic()
     place = out / f"walk-{number}"
-    summary = simulate(config, place, False, lambda text: None, report=False)
+    summary = simulate(config, place, False, silent, report=False)
     folder = RunFolder.open(place)
     metrics = evaluate(folder)
     timing = folder.read_csv("timing.csv")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,8 +13,6 @@ import numpy as np
 
 from ..recordings.recording import Recording
 from ..words import count_of
-
-Say = Callable[[str], None]
 
 LAST_S = 60.0  # ours: length of the last part of a walk; its decisions say why the walk ended
 

@@ -13,7 +13,7 @@ import fcntl
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +22,7 @@ import duckdb
 from mapping.io.atomic_write import PART
 from perception.primitives.errors import InputError, OutputError
 
+from ..progress import Say
 from . import parquet
 from .schema import COMMIT, FOLDER, RUN, TABLES, empty
 
@@ -31,8 +32,6 @@ PART_RUNS = 1000
 """Ours: runs of a new part; a part that changes is written again in a second or two."""
 SMALL, MOST_SMALL = 500, 8
 """Ours: parts of fewer runs are put together when they are more than this."""
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)

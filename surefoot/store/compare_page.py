@@ -14,9 +14,9 @@ import numpy as np
 
 from mapping.io.atomic_write import atomic_path
 
+from ..progress import Say
 from ..report.experiment_page import filled, numbers_table, section
 from ..results.run_folder import RunFolder
-from .collection import Say
 from .comparison import BETTER, MOST_CASES, SHOWN, WORSE, Comparison, Judged, shown_change
 from .query import asker
 from .sides import Side

@@ -21,8 +21,8 @@ import numpy as np
 
 from perception.primitives.errors import InputError
 
+from ..progress import Say
 from ..words import count_of
-from .collection import Say
 from .paired import Paired, fewest, holm, paired
 from .sides import FIGURES, UNJUDGED, Figure, Side, read_side
 

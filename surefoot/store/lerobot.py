@@ -25,10 +25,10 @@ import numpy as np
 from mapping.io.atomic_write import PART
 from perception.primitives.errors import InputError, OutputError
 
+from ..progress import Say
 from ..results.formats import refuse
 from ..results.run_folder import RunFolder
 from . import parquet
-from .collection import Say
 from .lerobot_rows import QUANTILES, Episode, episode_of, rate_of, stats_of
 from .run_tables import run_tables
 

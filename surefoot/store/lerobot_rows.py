@@ -14,9 +14,9 @@ import numpy as np
 from perception.primitives.errors import InputError, SurefootError
 from perception.primitives.frame import Frame
 
+from ..progress import Say
 from ..recordings.open import open_recording
 from ..results.run_folder import RECORDING, RunFolder
-from .collection import Say
 from .schema import PLANE, POSE, STATE
 
 JPEG_QUALITY = 95

@@ -15,8 +15,9 @@ import duckdb
 
 from perception.primitives.errors import InputError
 
+from ..progress import Say
 from . import parquet
-from .collection import Say, Source, opened, relation
+from .collection import Source, opened, relation
 from .examples import EXAMPLES
 from .schema import TABLES, describe
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .collection import Say
+from ..progress import Say
 from .query import Asker, asker
 from .schema import COMMIT
 

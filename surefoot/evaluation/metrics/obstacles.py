@@ -18,9 +18,9 @@ from jaxtyping import Bool, Float
 from scipy.optimize import linear_sum_assignment
 
 from ...results.tables import Table
+from .averages import rms
 from .consistency import consistency_metrics, whitened
 from .ospa import ospa
-from .trajectory import rms
 
 GATE_M = 0.2  # ours: two radii of a moving obstacle; a detection further away is another object
 FORBIDDEN_M = 1e3  # cost of a forbidden pair, larger than any sum of allowed ones

@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
 from ...results.tables import Trajectory
+from .averages import rms
 
 MAX_DIFFERENCE_S = 0.01  # as evo: stamps further apart do not match
 # ours: true positions that spread less across their main direction leave the rotation to errors of millimetres
@@ -97,11 +98,6 @@ def alignment_of(estimate: Trajectory, reference: Trajectory) -> Alignment | Non
     """Rigid transform between two trajectories at matching stamps; None if it is not determined."""
     mine, theirs = associate(estimate.stamps, reference.stamps)
     return align(estimate.positions[mine], reference.positions[theirs])
-
-
-def rms(values: Float[np.ndarray, "*n"]) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def distances(

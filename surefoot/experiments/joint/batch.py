@@ -35,10 +35,11 @@ import numpy as np
 from perception.primitives.errors import SurefootError
 
 from ...batch.ledger import LEDGER
+from ...progress import Say
 from ...recordings.codec import encode
 from ...recordings.mcap_format import RecordingWriter
 from ...recordings.open import open_recording
-from ..support.experiment import Experiment, Outcome, Say, Target
+from ..support.experiment import Experiment, Outcome, Target
 
 FRAMES = 4  # of a recording
 DAMAGED_SHARE = 0.02
@@ -68,10 +69,11 @@ PLAIN = """
 import sys
 from pathlib import Path
 from surefoot.config.load import load, own_settings
+from surefoot.progress import silent
 from surefoot.run.process import process
 
 for place in map(Path, sys.argv[2:]):
-    process(place, None, load(own_settings(place)), Path(sys.argv[1]) / place.name, lambda text: None)
+    process(place, None, load(own_settings(place)), Path(sys.argv[1]) / place.name, silent)
 """
 SUREFOOT = "from surefoot.cli.main import main; main()"
 

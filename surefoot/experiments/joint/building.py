@@ -39,6 +39,7 @@ from sim.scenes import catalogue
 from ...config.presets import on_body
 from ...config.schema import Config
 from ...evaluation.evaluate import pose_errors
+from ...evaluation.metrics.averages import mean, percentile, rms
 from ...evaluation.metrics.consistency import consistency_metrics, squared
 from ...evaluation.metrics.contacts import contact_metrics, walk_metrics
 from ...evaluation.metrics.trajectory import trajectory_metrics
@@ -114,10 +115,10 @@ def judge(folder: RunFolder, scene: Scene) -> tuple[Figures, Walked]:
         "path_m": walk["path_m"],
         "goals_reached": float(goals),
         "contacts": contact_metrics(clearance)["contacts"],
-        "cycle_p99_first_ms": _p99(log.cycle_ms[first]),
-        "cycle_p99_last_ms": _p99(log.cycle_ms[last]),
-        "cycle_p99_ratio": _p99(log.cycle_ms[last]) / _p99(log.cycle_ms[first]),
-        "busy_p99_ratio": _p99(log.busy_ms[last]) / _p99(log.busy_ms[first]),
+        "cycle_p99_first_ms": percentile(log.cycle_ms[first], 99),
+        "cycle_p99_last_ms": percentile(log.cycle_ms[last], 99),
+        "cycle_p99_ratio": percentile(log.cycle_ms[last], 99) / percentile(log.cycle_ms[first], 99),
+        "busy_p99_ratio": percentile(log.busy_ms[last], 99) / percentile(log.busy_ms[first], 99),
         "busy_median_ratio": float(np.median(log.busy_ms[last]) / np.median(log.busy_ms[first])),
         "rss_first_mb": memory[0],
         "rss_last_mb": memory[2],
@@ -159,9 +160,9 @@ def room_figures(folder: RunFolder, scene: Scene) -> Figures:
         "rooms_seen": float(len(best)),
         "rooms_found_share": float(np.mean(np.array(best) >= 0.5)) if best else math.nan,
         "rooms_too_many": float(len(mine) - len(best)),
-        "room_iou": float(np.mean(best)) if best else math.nan,
+        "room_iou": mean(best),
         "doors_found": float(len(widths)),
-        "door_width_rmse_m": float(np.sqrt(np.mean(np.square(widths)))) if widths else math.nan,
+        "door_width_rmse_m": rms(widths),
     }
 
 
@@ -180,10 +181,6 @@ def _filled(
 
 def _iou(one: Bool[np.ndarray, "rows columns"], other: Bool[np.ndarray, "rows columns"]) -> float:
     return float((one & other).sum() / max((one | other).sum(), 1))
-
-
-def _p99(values: Float[np.ndarray, "n"]) -> float:
-    return float(np.percentile(values, 99)) if len(values) else math.nan
 
 
 def run(seeds: int, say: Say, body: str = "kinematic", minutes: float = MINUTES) -> Outcome:
@@ -237,8 +234,8 @@ def outcome(found: list[tuple[Figures, Walked]]) -> Outcome:
             own = log.part(number)
             at = slice(*np.searchsorted(walked.stamps, log.stamp_s[own][[0, -1]]))
             table.append(
-                f"{seed:4d}  {number + 1:4d}  {_p99(log.cycle_ms[own]):12.1f}"
-                f"  {_p99(log.busy_ms[own]):11.1f}  {np.median(log.busy_ms[own]):14.1f}"
+                f"{seed:4d}  {number + 1:4d}  {percentile(log.cycle_ms[own], 99):12.1f}"
+                f"  {percentile(log.busy_ms[own], 99):11.1f}  {np.median(log.busy_ms[own]):14.1f}"
                 f"  {np.median(log.rss_mb[own]):6.0f}"
                 f"  {100 * np.sqrt(np.mean(walked.error_m[at] ** 2)):7.2f}"
                 f"  {np.mean(walked.nees[at]):9.2f}"

@@ -79,9 +79,9 @@ def side(seed: int, which: int, change: float = 0.0, scatter: float = SCATTER) -
     return Side(f"side {which}", Path(f"side-{which}"), (), rows, same, same, {})
 
 
-def ate(seed: int, change: float, scatter: float = SCATTER) -> Judged:
+def ate(seed: int, change: float) -> Judged:
     """How the ATE is judged if the second side's is changed."""
-    judged = compared(side(seed, 0, scatter=scatter), side(seed, 1, change, scatter)).judged
+    judged = compared(side(seed, 0), side(seed, 1, change)).judged
     return next(one for one in judged if one.figure.name == "ate_m")
 
 

@@ -21,6 +21,7 @@ from planning.safety.guard import Guard
 from planning.safety.guard_settings import GuardConfig
 from planning.safety.step_filter import StepFilter, Unfiltered
 
+from ...evaluation.metrics.averages import mean
 from ...evaluation.metrics.risk import wilson
 from ..support.crowd_world import Passage, passage
 from ..support.dynamic_window import DynamicWindow
@@ -80,7 +81,7 @@ def _figures(runs: Sequence[Passage]) -> tuple[float, float, float]:
     taken = np.concatenate([one.decisions_ms[1:] for one in runs])
     return (
         len(arrived) / len(runs),
-        float(np.mean(arrived)) if arrived else np.nan,
+        mean(arrived),
         float(np.percentile(taken, 99.0)),
     )
 

@@ -26,6 +26,7 @@ from sim.world import World
 
 from ...config.presets import fitted
 from ...config.schema import Config
+from ...evaluation.metrics.averages import mean
 
 FIRST_SEED = 2010
 RISERS_M = tuple(0.01 * k for k in range(1, 11))
@@ -144,9 +145,8 @@ def table(climbs: list[Climb]) -> list[str]:
     for riser_m in sorted({one.riser_m for one in climbs}):
         same = [one for one in climbs if one.riser_m == riser_m]
         steps = [one.steps for one in same if one.arrived]
-        mean = float(np.mean(steps)) if steps else math.nan
         lines.append(
             f"{100 * riser_m:9.0f} {len(same):6d} {sum(one.arrived for one in same):7d} "
-            f"{sum(one.fell for one in same):5d} {sum(one.feet_on_edges for one in same):14d} {mean:27.0f}"
+            f"{sum(one.fell for one in same):5d} {sum(one.feet_on_edges for one in same):14d} {mean(steps):27.0f}"
         )
     return lines

@@ -27,23 +27,17 @@ from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import RobotModel
 from planning.footholds.foothold import FootNoise, chances
 from planning.footholds.search import SLOPE, Stance, plan
-from planning.planners.foothold_planner import FootholdPlanner
-from sim.robot import SimulatedRobot
-from sim.robot_config import RobotConfig
 from sim.scenes import stairs
 from sim.scenes.stairs import Terrain
-from sim.world import World
 
-from ...config.presets import fitted
 from ...config.schema import Config
 from ...run.bodies import LiveBody
-from ...run.level_pipeline import LevelPipeline
 from ...run.loop import cycles
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import run_trials
-from .stairs_walk import from_its_start
+from ..support.trials import run_all
+from .stairs_walk import ROBOT, on_terrain
 
-FIRST_SEED, MODEL = 2000, "g1"
+FIRST_SEED = 2000
 BINS = (0.0, 0.01, 0.05, 0.2, 0.5, 1.0)
 DRAWN = 20  # maps with drawn errors of a seed
 LOOKED = (3, 7, 11, 15)  # decisions of a walk after which its map is judged
@@ -169,7 +163,7 @@ def _timed(
 
 def _drawn(seed: int) -> tuple[list[tuple[float, bool]], list[float]]:
     """Maps with errors drawn from their covariances."""
-    robot = Config(robot=RobotConfig(model=MODEL)).robot_model
+    robot = Config(robot=ROBOT).robot_model
     rng, noise = np.random.default_rng([seed, 61]), FootNoise(0.0016, 0.0007, math.radians(0.7))
     claims: list[tuple[float, bool]] = []
     times = []
@@ -190,18 +184,11 @@ def _drawn(seed: int) -> tuple[list[tuple[float, bool]], list[float]]:
 def _mapped(seed: int) -> tuple[list[tuple[float, bool]], list[float]]:
     """Maps of a walk over the terrain that is the seed's turn."""
     kind = stairs.KINDS[seed % len(stairs.KINDS)]
-    terrain = stairs.terrain(kind, seed)
-    scene = terrain.scene(kind, seed)
-    robot_config = RobotConfig(model=MODEL, stereo=False, colour=False, tof_source="rays")
-    config = fitted(Config(robot=robot_config, seed=seed))
     rng = np.random.default_rng([seed, 62])
     claims: list[tuple[float, bool]] = []
     times = []
-    with World(scene, seed=seed) as world, SimulatedRobot(world, robot_config, seed) as robot:
-        goal = scene.start.inverse().apply(np.array(scene.goals[0]))
-        pipeline = LevelPipeline(config, from_its_start(robot))
-        planner = FootholdPlanner(config.planning, [(float(goal[0]), float(goal[1]))])
-        number = 0
+    with on_terrain(kind, seed) as (terrain, robot, pipeline, planner):
+        config, number = pipeline.config, 0
         live, limit_s = LiveBody(robot), config.mission.time_limit_s
         for cycle in cycles(live, pipeline, planner, config.robot_model, limit_s):
             levels, decision = cycle.world.levels, cycle.decision
@@ -221,11 +208,8 @@ def _mapped(seed: int) -> tuple[list[tuple[float, bool]], list[float]]:
 
 def run(seeds: int, say: Say) -> Outcome:
     """One trial per seed."""
-    found = []
-    for one in run_trials(trial, [(FIRST_SEED + k,) for k in range(seeds)]):
-        found.append(one)
-        say(f"{len(found)} of {seeds} seeds")
-    return Outcome(*summary(found))
+    todo = [(FIRST_SEED + k,) for k in range(seeds)]
+    return Outcome(*summary(run_all(trial, todo, say, "seeds")))
 
 
 def summary(found: Sequence[Trial]) -> tuple[dict[str, float], list[str]]:

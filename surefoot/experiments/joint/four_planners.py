@@ -21,15 +21,15 @@ import numpy as np
 from perception.primitives import plugins
 from planning.planners.factory import MEMBERS
 from planning.planners.mission import PLANNERS, MissionConfig
-from sim.scenes import catalogue
 from sim.shapes import outline
 
 from ...config.presets import on_body
 from ...config.schema import Config
 from ...report.plots import style
 from ...results.run_folder import RunFolder
+from ...run.simulate import scene_of
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import run_trials
+from ..support.trials import run_all
 from ..support.walks import column, walk
 
 if TYPE_CHECKING:
@@ -80,10 +80,7 @@ def run(
         plugins.load(own, PLANNERS, "planner", MEMBERS)  # refused before anything walks
         planners.append(own)
     todo = [config_of(name, k, body, limit_s) for k in range(seeds) for name in planners]
-    found: list[WalkResult] = []
-    for walked in run_trials(_walk, [(config,) for config in todo]):
-        found.append(walked)
-        say(f"{len(found)} of {len(todo)} walks")
+    found = run_all(_walk, [(config,) for config in todo], say, "walks")
     figures: dict[str, float] = {"scenes": float(seeds), "planners": float(ours)}
     more, table = compare(todo, [metrics for metrics, _ in found])
     table.append(
@@ -185,9 +182,7 @@ def _figures(found: Sequence[dict[str, Any]]) -> dict[str, float]:
 
 def _draw(config: Config, planners: Sequence[str], found: Sequence[WalkResult]) -> Figure:
     """Plot the scene from above with the paths of all planners."""
-    scene = catalogue.load(
-        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
-    )
+    scene = scene_of(config)
     x0, y0, x1, y1 = scene.extent
     figure, axes = style.sheet(height_in=1.0 + 7.0 * min((y1 - y0) / (x1 - x0), 1.2))
     for thing in scene.obstacles:

@@ -17,7 +17,6 @@ Source: ours; Yoo and Kim 2010 (seed 001) for the published policy.
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -27,9 +26,10 @@ from jaxtyping import Float
 from perception.primitives import plugins
 from planning.gaze.policy import POLICIES
 
+from ...evaluation.metrics.averages import mean
 from ...report.plots import style
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import run_trials
+from ..support.trials import run_all
 from .gaze_coupling import LIMIT_S, GazeWalk, walk_with_gaze
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def gap_closed(
             worst, best = means[scene, "fixed", figure], means[scene, "oracle", figure]
             if best < worst:
                 shares.append(min((worst - means[scene, name, figure]) / (worst - best), 1.0))
-    return float(np.mean(shares)) if shares else math.nan
+    return mean(shares)
 
 
 def draw(found: dict[tuple[str, str, str], tuple[float, float, float]], names: list[str]) -> Figure:
@@ -133,9 +133,8 @@ def run(seeds: int, say: Say, own: str = "", limit_s: float = LIMIT_S) -> Outcom
     ]
     todo = [(seed, modes[name], "kinematic", scene, limit_s) for scene, name, seed in keys]
     walks: dict[tuple[str, str], list[GazeWalk]] = {}
-    for number, one in enumerate(run_trials(walk_with_gaze, todo)):
-        walks.setdefault(keys[number][:2], []).append(one)
-        say(f"{number + 1} of {len(todo)} walks")
+    for key, one in zip(keys, run_all(walk_with_gaze, todo, say, "walks"), strict=True):
+        walks.setdefault(key[:2], []).append(one)
     rng = np.random.default_rng(0)
     found = {
         (*key, figure): interval(np.array([float(getattr(w, figure)) for w in many]), rng)

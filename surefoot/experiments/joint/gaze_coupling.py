@@ -31,6 +31,7 @@ from sim.world import World
 
 from ...config.presets import on_body
 from ...config.schema import Config
+from ...evaluation.metrics.averages import mean
 from ...evaluation.metrics.contacts import BODY_RADIUS_M
 from ...run.bodies import LiveBody
 from ...run.loop import cycles
@@ -39,7 +40,7 @@ from ..support.columns import Row
 from ..support.course_runner import course_config, published
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.geometric_perception import GeometricPerception
-from ..support.trials import run_trials
+from ..support.trials import run_all
 
 SCENE = "course"
 WALKER = "walker"  # seed 001's gaze and motion, `univector.mode` "seed"
@@ -151,17 +152,16 @@ def _measures(
     _, confidence = sample_region(perception.grid, perception.confidence, world.pose, region)
     return (
         deviation(world.pose.covariance[:2, :2]),
-        float(np.mean(near)) if near else math.nan,
+        mean(near),
         float(np.mean(confidence < config.confidence.stale_below)),
         math.hypot(*(world.pose.mean[:2] - (true.x, true.y))),
-        float(np.mean(off)) if off else math.nan,
+        mean(off),
     )
 
 
 def _mean(values: Float[np.ndarray, "n"]) -> float:
     """Mean of the finite values; NaN without any."""
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else math.nan
+    return mean(values[np.isfinite(values)])
 
 
 def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome:
@@ -179,10 +179,9 @@ def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome
         modes.append(own)
     todo = [(seed, mode, body) for seed in range(seeds) for mode in modes]
     found: dict[str, list[GazeWalk]] = {mode: [] for mode in modes}
-    for (_, mode, _), one in zip(todo, run_trials(walk_with_gaze, todo), strict=True):
+    for (_, mode, _), one in zip(todo, run_all(walk_with_gaze, todo, say, "walks"), strict=True):
         found[mode].append(one)
-        say(f"{sum(map(len, found.values()))} of {len(todo)} walks")
-    mean = {
+    means = {
         mode: {
             name: float(np.nanmean([getattr(one, name) for one in walks]))
             for name in GazeWalk.__dataclass_fields__
@@ -193,12 +192,12 @@ def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome
     for other, ending in (("fixed", ""), ("sweep", "_against_sweep")):
         for name in ("sigma", "mover_sigma", "stale"):
             key = name if name == "stale" else f"{name}_m"
-            less = 1.0 - mean["evaluations"][key] / mean[other][key]
+            less = 1.0 - means["evaluations"][key] / means[other][key]
             figures[f"{name}_reduction{ending}_pct"] = 100.0 * less
     table = [
         "             sigma mm  moving obstacles mm  outdated %  contacts  falls  free %  arrived %  time s"
     ]
-    for policy, values in mean.items():
+    for policy, values in means.items():
         walks, mode = found[policy], plugins.label(policy)
         figures[f"contacts_{mode}"] = float(sum(one.contacts for one in walks))
         figures[f"falls_{mode}"] = float(sum(one.fell for one in walks))

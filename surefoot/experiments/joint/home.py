@@ -14,21 +14,16 @@ import numpy as np
 from perception.filtering.consistency import band
 from planning.planners.mission import MissionConfig
 
-from ...config.presets import on_body
-from ...config.schema import Config
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.walks import column, walk_all, walk_figures
+from .people_home import config_of
 
 
 def run(
     seeds: int, say: Say, body: str = "kinematic", limit_s: float = MissionConfig.time_limit_s
 ) -> Outcome:
     """Seeds 0 to n - 1, each walk at most `limit_s` long."""
-    mission = MissionConfig(time_limit_s=limit_s)
-    configs = [
-        on_body(Config(scene="home", seed=seed, mission=mission), body) for seed in range(seeds)
-    ]
-    found = walk_all(configs, say)
+    found = walk_all([config_of(seed, body, limit_s) for seed in range(seeds)], say)
     all_of = partial(column, found)
     low, high = band(3, seeds)
     low_movers, high_movers = band(4, seeds)

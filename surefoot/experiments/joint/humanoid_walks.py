@@ -41,13 +41,16 @@ class HumanoidWalk:
 
     @property
     def errors(self) -> Float[np.ndarray, "n 3"]:
-        """True motion of a step relative to what odometry tells, m, m, rad."""
-        return np.array(
-            [
-                (Pose2(*told.tolist()).inverse() @ Pose2(*true.tolist())).vector
-                for true, told in zip(self.true, self.told, strict=True)
-            ]
-        ).reshape(-1, 3)
+        """True motion of each step relative to what odometry tells, m, m, rad."""
+        return step_errors(self.told, self.true)
+
+
+def step_errors(
+    told: Float[np.ndarray, "n 3"], true: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Each true step relative to the told one, m, m, rad."""
+    pairs = zip(told.tolist(), true.tolist(), strict=True)
+    return np.array([(Pose2(*a).inverse() @ Pose2(*b)).vector for a, b in pairs]).reshape(-1, 3)
 
 
 def mission(gait: GaitLimits, ahead_m: tuple[float, float] = AHEAD_M) -> list[WalkCommand]:

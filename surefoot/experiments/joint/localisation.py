@@ -18,13 +18,13 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Float
 
 from perception.filtering.consistency import band
 from sim.scenes import catalogue
 
 from ...config.presets import on_body
 from ...config.schema import Config
+from ...evaluation.metrics.averages import mean, rms
 from ...evaluation.metrics.ospa import ospa
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_all
@@ -179,7 +179,7 @@ def combine(found: list[Figures]) -> Figures:
     for name in dict.fromkeys(name for one in found for name in one):
         values = np.array([one[name] for one in found if np.isfinite(one.get(name, math.nan))])
         root = "_rmse_" in name or name.endswith("_end_m")
-        figures[name] = (rms(values) if root else mean(values)) if len(values) else math.nan
+        figures[name] = rms(values) if root else mean(values)
     for name, degrees in (("pose", 3), ("no_landmarks", 3), ("live_lag", 3), ("obstacle", 4)):
         count = sum(math.isfinite(one.get(f"anees_{name}", math.nan)) for one in found)
         low, high = (bound / degrees for bound in band(degrees, max(count, 1)))
@@ -213,16 +213,6 @@ def _table(found: list[Figures]) -> Iterator[str]:
             f"at the end {100 * one[f'{name}_end_m']:.1f} cm;"
             for one in rows
         )
-
-
-def rms(values: Float[np.ndarray, "n"] | list[float]) -> float:
-    """Root mean square; NaN if empty."""
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan
-
-
-def mean(values: Float[np.ndarray, "n"] | list[float]) -> float:
-    """Mean; NaN if empty."""
-    return float(np.mean(values)) if len(values) else math.nan
 
 
 def _any(pair: tuple[np.ndarray, np.ndarray]) -> bool:

@@ -16,7 +16,7 @@ from ...config.presets import on_body
 from ...config.schema import Config
 from ...evaluation.metrics.contact_classes import CLASSES
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.walks import column, falls_and_contacts, walk_all, walk_figures
+from ..support.walks import ROW, column, falls_and_contacts, row, walk_all, walk_figures
 
 
 def config_of(
@@ -40,17 +40,8 @@ def run(
         "avoidable_contacts": float(np.sum(all_of("contacts_avoidable"))),
     }
     figures |= {f"contacts_{kind}": float(np.sum(all_of(f"contacts_{kind}"))) for kind in CLASSES}
-    table = ["seed  contacts  clearance  missed  fell  rmse cm   deg   NEES  time s"]
-    for seed, metrics in enumerate(found):
-        table.append(
-            f"{seed:4d}  {metrics.get('contacts', -1):8.0f}"
-            f"  {1e3 * metrics.get('min_clearance_m', np.nan):6.0f} mm"
-            f"  {metrics.get('goals_missed', -1):6.0f}  {metrics.get('falls', -1):4.0f}"
-            f"  {100 * metrics.get('position_rmse_m', np.nan):7.2f}"
-            f"  {metrics.get('heading_rmse_deg', np.nan):4.2f}"
-            f"  {metrics.get('pose_anees', np.nan):5.2f}  {metrics.get('duration_s', np.nan):6.1f}"
-        )
-    return Outcome(figures, table)
+    rows = [f"{seed:4d}  {row(metrics)}" for seed, metrics in enumerate(found)]
+    return Outcome(figures, [f"seed  {ROW}", *rows])
 
 
 EXPERIMENT = Experiment(

@@ -21,6 +21,7 @@ from sim.robots import catalogue, installed
 
 from ...config.presets import on_body
 from ...config.schema import Config
+from ...evaluation.metrics.averages import rms
 from ...results.run_folder import RunFolder
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_all
@@ -127,8 +128,8 @@ def run(
             "anees_pose_in_band": float(low <= nees <= high),
             "own_cells": float(np.sum(all_of("own_cells"))),
             "own_pixels": float(np.sum(all_of("own_pixels"))),
-            "position_rmse_m": float(np.sqrt(np.mean(all_of("position_rmse_m") ** 2))),
-            "heading_rmse_deg": float(np.sqrt(np.mean(all_of("heading_rmse_deg") ** 2))),
+            "position_rmse_m": rms(all_of("position_rmse_m")),
+            "heading_rmse_deg": rms(all_of("heading_rmse_deg")),
             "min_clearance_m": float(np.min(all_of("min_clearance_m"))),
             "falls": float(np.sum(all_of("falls"))),
             "speed_mps": float(np.sum(all_of("path_m")) / np.sum(all_of("duration_s"))),

@@ -31,12 +31,13 @@ from perception.terrain import inclination, segmentation, staircase
 from perception.terrain.staircase import Staircase
 
 from ...config.schema import CALIBRATED_DISTORTION
+from ...evaluation.metrics.averages import mean
 from ...report.plots.style import Drawing
 from ..real import labelled_steps
 from ..support import stair_pictures, stair_views
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.stair_views import SENSORS, Stairs, StairView
-from ..support.trials import run_trials
+from ..support.trials import run_all
 
 FIRST_SEED = 4000
 STAIRS, OTHERS = ("up", "down"), ("ramp up", "ramp down", "flat", "kerb")
@@ -120,11 +121,8 @@ def run(seeds: int, say: Say) -> Outcome:
         for k in range(seeds)
         for kind in (STAIRS[k % len(STAIRS)], OTHERS[k % len(OTHERS)])
     ]
-    answers: list[Answer] = []
-    for number, one in enumerate(run_trials(look, todo)):
-        answers += one
-        say(f"{number + 1} of {len(todo)} views")
-    figures, table = summary(answers)
+    answers = run_all(look, todo, say, "views")
+    figures, table = summary(list(itertools.chain.from_iterable(answers)))
     real, lines = labelled_steps.scores(say)
     return Outcome(figures | real, [*table, "", *lines], drawings=[_drawing()])
 
@@ -149,8 +147,8 @@ def summary(answers: Sequence[Answer]) -> tuple[dict[str, float], list[str]]:
             name = f"{sensor}_{kind}"
             share = len(mine) / max(len(views), 1)
             riser, tread, turn = _mae(mine)
-            edge = _mean([1e3 * abs(one.errors[3]) for one in mine])
-            nees = tuple(_mean([one.nees[k] for one in mine]) for k in range(4))
+            edge = mean([1e3 * abs(one.errors[3]) for one in mine])
+            nees = tuple(mean([one.nees[k] for one in mine]) for k in range(4))
             groups.append(nees)
             figures |= {
                 f"{name}_found_share": share,
@@ -173,12 +171,8 @@ def summary(answers: Sequence[Answer]) -> tuple[dict[str, float], list[str]]:
 
 def _mae(answers: Sequence[Answer]) -> tuple[float, float, float]:
     """Mean absolute errors of riser (mm), tread (mm) and direction (deg)."""
-    riser, tread, turn = (_mean([abs(one.errors[k]) for one in answers]) for k in range(3))
+    riser, tread, turn = (mean([abs(one.errors[k]) for one in answers]) for k in range(3))
     return 1e3 * riser, 1e3 * tread, math.degrees(turn)
-
-
-def _mean(values: Sequence[float]) -> float:
-    return float(np.mean(values)) if values else math.nan
 
 
 def _mistakes(answers: Sequence[Answer]) -> dict[str, float]:
@@ -192,7 +186,7 @@ def _mistakes(answers: Sequence[Answer]) -> dict[str, float]:
         "flat_called_ramp": sum(one.ramps > 0 for one in flats),
     }
     figures["ramp_mistaken"] = figures["stairs_called_ramp"] + figures["ramps_called_stairs"]
-    shares = {"ramps_found_share": _mean([float(one.ramps > 0) for one in ramps])}
+    shares = {"ramps_found_share": mean([float(one.ramps > 0) for one in ramps])}
     return {name: float(value) for name, value in figures.items()} | shares
 
 
@@ -210,7 +204,7 @@ def _by_distance(answers: Sequence[Answer], figures: dict[str, float]) -> list[s
                 for one in answers
                 if one.sensor == sensor and one.kind in STAIRS and low <= one.away_m < high
             ]
-            share = _mean([float(one.found) for one in here])
+            share = mean([float(one.found) for one in here])
             row.append(f"{share:7.2f} of {len(here):3d}")
             figures[f"{sensor}_found_from_{10 * low:02.0f}dm_share"] = share
         table.append(f"{sensor:<38}" + "  ".join(f"{cell:>13}" for cell in row))

@@ -13,8 +13,9 @@ Source: ours.
 from __future__ import annotations
 
 import math
-import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,19 +26,23 @@ from sim.body.kinematic import KinematicBody
 from sim.robot import SimulatedRobot
 from sim.robot_config import RobotConfig
 from sim.scenes import stairs
+from sim.scenes.stairs import Terrain
 from sim.world import World
 
 from ...config.presets import fitted
 from ...config.schema import Config
+from ...evaluation.metrics.averages import percentile
 from ...recordings.recording import RecordingInfo
 from ...run.bodies import LiveBody
 from ...run.level_pipeline import LevelPipeline
 from ...run.loop import cycles
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import run_trials
+from ..support.trials import run_all
 from . import dynamic_stairs
 
-FIRST_SEED, MODEL = 2306, "g1"
+FIRST_SEED = 2306
+ROBOT = RobotConfig(model="g1", stereo=False, colour=False, tof_source="rays")
+"""A Unitree G1 with its depth camera alone."""
 MOST_STEPS = 150
 LEAST_CARRIED, STRUCK_M = 0.9, 0.01
 ENDS = ("arrived", "edge", "unknown", "fell", "struck", "time")
@@ -64,16 +69,24 @@ class Walk:
 
 def walk(seed: int, kind: str = "stairs") -> Walk:
     """One walk over a random terrain."""
-    robot_config = RobotConfig(model=MODEL, stereo=False, colour=False, tof_source="rays")
-    config = fitted(Config(robot=robot_config, seed=seed))
+    with on_terrain(kind, seed) as (terrain, robot, pipeline, planner):
+        heights = [one.height_m for one in terrain.levels]
+        return _walked(seed, robot, pipeline, planner, heights)
+
+
+@contextmanager
+def on_terrain(
+    kind: str, seed: int
+) -> Iterator[tuple[Terrain, SimulatedRobot, LevelPipeline, FootholdPlanner]]:
+    """A random terrain of a kind, the robot at its start, and what perceives and plans for it."""
+    config = fitted(Config(robot=ROBOT, seed=seed))
     terrain = stairs.terrain(kind, seed)
     scene = terrain.scene(kind, seed)
-    heights = [one.height_m for one in terrain.levels]
     goal = scene.start.inverse().apply(np.array(scene.goals[0]))
-    with World(scene, seed=seed) as world, SimulatedRobot(world, robot_config, seed) as robot:
+    with World(scene, seed=seed) as world, SimulatedRobot(world, ROBOT, seed) as robot:
         pipeline = LevelPipeline(config, from_its_start(robot))
         planner = FootholdPlanner(config.planning, [(float(goal[0]), float(goal[1]))])
-        return _walked(seed, robot, pipeline, planner, heights)
+        yield terrain, robot, pipeline, planner
 
 
 def from_its_start(robot: SimulatedRobot) -> RecordingInfo:
@@ -126,15 +139,10 @@ def _walked(
 
 def run(seeds: int, say: Say) -> Outcome:
     """One walk per seed."""
-    walks = []
-    began = time.monotonic()
-    for one in run_trials(walk, [(FIRST_SEED + k,) for k in range(seeds)]):
-        walks.append(one)
-        say(f"{len(walks)} of {seeds}: {one.end}, {time.monotonic() - began:.0f} s")
+    walks = run_all(walk, [(FIRST_SEED + k,) for k in range(seeds)], say, "walks")
     each = range(dynamic_stairs.FIRST_SEED, dynamic_stairs.FIRST_SEED + math.ceil(seeds / 10))
-    climbs = list(
-        run_trials(dynamic_stairs.climb, [(h, k) for h in dynamic_stairs.RISERS_M for k in each])
-    )
+    todo = [(h, k) for h in dynamic_stairs.RISERS_M for k in each]
+    climbs = run_all(dynamic_stairs.climb, todo, say, "walks of the dynamic body")
     figures = summary(walks) | dynamic_stairs.summary(climbs)
     return Outcome(figures, [*dynamic_stairs.table(climbs), "", *table(walks)])
 
@@ -152,9 +160,7 @@ def summary(walks: list[Walk]) -> dict[str, float]:
         "feet_on_edges": float(sum(step.carried < LEAST_CARRIED for step in steps)),
         "edges_missed": float(sum(step.carried < 1.0 for step in steps)),
         "edges_missed_claimed": float(sum(step.claimed for step in steps)),
-        "plan_ms_p99": float(np.percentile([step.plan_ms for step in steps], 99))
-        if steps
-        else np.nan,
+        "plan_ms_p99": percentile([step.plan_ms for step in steps], 99),
     }
 
 

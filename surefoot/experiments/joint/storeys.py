@@ -12,24 +12,23 @@ Source: ours.
 from __future__ import annotations
 
 import tempfile
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from sim.robot_config import RobotConfig
-
 from ...config.presets import fitted
 from ...config.schema import Config
 from ...evaluation.evaluate import evaluate
+from ...progress import silent
 from ...results.run_folder import RunFolder
 from ...run.loop import Cycle
 from ...run.simulate import simulate
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import run_trials
+from ..support.trials import run_all
+from .stairs_walk import ROBOT
 
-FIRST_SEED, MODEL, SCENE = 2090, "g1", "storeys"
+FIRST_SEED, SCENE = 2090, "storeys"
 NEAR_M = 0.5  # from the goal to where the robot truly stands
 
 
@@ -46,8 +45,7 @@ class Walk:
 
 def walk(seed: int) -> Walk:
     """One walk."""
-    robot = RobotConfig(model=MODEL, stereo=False, colour=False, tof_source="rays")
-    config = fitted(Config(scene=SCENE, robot=robot, seed=seed))
+    config = fitted(Config(scene=SCENE, robot=ROBOT, seed=seed))
     times: dict[str, list[float]] = {"room": [], "plan": []}
 
     def note(cycle: Cycle) -> None:
@@ -56,7 +54,7 @@ def walk(seed: int) -> Walk:
 
     with tempfile.TemporaryDirectory() as place:
         out = Path(place) / "run"
-        summary = simulate(config, out, False, lambda line: None, report=False, watch=note)
+        summary = simulate(config, out, False, silent, report=False, watch=note)
         run = RunFolder.open(summary.folder)
         figures = {k: v for k, v in evaluate(run).items() if isinstance(v, (int, float))}
     figures["fell"] = float(summary.fell_at_s is not None)
@@ -66,12 +64,7 @@ def walk(seed: int) -> Walk:
 
 def run(seeds: int, say: Say) -> Outcome:
     """One walk per seed."""
-    walks, began = [], time.monotonic()
-    for one in run_trials(walk, [(FIRST_SEED + k,) for k in range(seeds)]):
-        walks.append(one)
-        say(
-            f"{len(walks)} of {seeds}: {'arrived' if one.arrived else 'not arrived'}, {time.monotonic() - began:.0f} s"
-        )
+    walks = run_all(walk, [(FIRST_SEED + k,) for k in range(seeds)], say, "walks")
     return Outcome(summary(walks), table(walks))
 
 

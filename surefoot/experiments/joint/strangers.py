@@ -20,7 +20,6 @@ import numpy as np
 
 from planning.planners.mission import MissionConfig
 from sim.movers.law import MIXED, MoversConfig
-from sim.scenes import catalogue
 from sim.truth import FIRST_STATIC_ID
 
 from ...config.presets import on_body
@@ -30,6 +29,7 @@ from ...evaluation.metrics.contact_classes import CLASSES
 from ...evaluation.metrics.obstacles import track_errors
 from ...evaluation.metrics.risk import CLASS_COUNT, RiskTally, risk_metrics, risk_of_run
 from ...results.run_folder import RunFolder
+from ...run.simulate import scene_of
 from ..support.experiment import BODIES, Experiment, Outcome, Say, Target
 from ..support.in_sight import Sightlines
 from ..support.walks import column, falls_and_contacts, walk_all, walk_figures
@@ -86,9 +86,7 @@ def walked(folder: RunFolder, config: Config) -> dict[str, float]:
     )
     if truth is None or poses is None:
         return figures
-    scene = catalogue.load(
-        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
-    )
+    scene = scene_of(config)
     movers = [str(k + 1) for k in range(len(scene.moving_objects))]
     assert len(movers) < FIRST_STATIC_ID
     errors = track_errors((folder.read_json("obstacles.json") or {}).get("tracks", []), truth)

@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -29,10 +28,12 @@ from sim.body.dynamic import engines
 from sim.body.dynamic.physics import ENGINES
 
 from ...config.schema import Config
+from ...evaluation.metrics.averages import rms
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_all
-from ..support.walks import column, falls_and_contacts, walk_all, walk_figures
+from ..support.walks import ROW, column, falls_and_contacts, row, walk_all, walk_figures
 from . import walking
+from .humanoid_walks import step_errors
 from .people_home import config_of
 
 FIRST_SEED = 2000
@@ -85,19 +86,14 @@ def run(
     )
     low, high = band(3, seeds)
     own: dict[str, dict[str, float]] = {}
-    table = ["engine    seed  contacts  clearance  missed  fell  rmse cm   deg   NEES  time s"]
+    table = [f"engine    seed  {ROW}"]
     for k, engine in enumerate(ENGINES):
         walked = homes[k * seeds : (k + 1) * seeds]
         own[engine] = walk_figures(walked) | walk_quality(paced[k * seeds : (k + 1) * seeds])
-        own[engine]["contacts"] = float(np.sum(partial(column, walked)("contacts")))
+        own[engine]["contacts"] = float(np.sum(column(walked, "contacts")))
         own[engine]["anees_in_band"] = float(low <= own[engine]["anees_pose"] <= high)
         table += [
-            f"{engine:8}  {seed:4d}  {metrics.get('contacts', -1):8.0f}"
-            f"  {1e3 * metrics.get('min_clearance_m', np.nan):6.0f} mm"
-            f"  {metrics.get('goals_missed', -1):6.0f}  {metrics.get('falls', -1):4.0f}"
-            f"  {100 * metrics.get('position_rmse_m', np.nan):7.2f}"
-            f"  {metrics.get('heading_rmse_deg', np.nan):4.2f}"
-            f"  {metrics.get('pose_anees', np.nan):5.2f}  {metrics.get('duration_s', np.nan):6.1f}"
+            f"{engine:8}  {seed:4d}  {row(metrics)}"
             for seed, metrics in zip(numbers, walked, strict=True)
         ]
     first, second = (own[engine] for engine in ENGINES)
@@ -121,7 +117,7 @@ def run(
 def walk_quality(walks: Sequence[walking.WalkResult]) -> dict[str, float]:
     """Slip, step errors, odometry and sway of walks with random commands."""
     slips = np.concatenate([one.slips for one in walks])
-    steps = np.concatenate([_relative(one.told, one.true) for one in walks])
+    steps = np.concatenate([step_errors(one.told, one.true) for one in walks])
     drift = np.concatenate([drift_per_metre(one.told, one.true) for one in walks])
     head = np.concatenate([one.head - one.head.mean(axis=0) for one in walks])
     return {
@@ -131,8 +127,8 @@ def walk_quality(walks: Sequence[walking.WalkResult]) -> dict[str, float]:
         "untold_per_step_mean_mm": 1e3 * float(steps[:, 0].mean()),
         "untold_per_step_std_mm": 1e3 * float(steps[:, 0].std()),
         "untold_turn_std_deg": math.degrees(float(steps[:, 2].std())),
-        "odometry_error_per_metre_mm": 1e3 * float(np.sqrt(np.mean(drift[:, 0] ** 2))),
-        "odometry_error_per_metre_deg": math.degrees(float(np.sqrt(np.mean(drift[:, 1] ** 2)))),
+        "odometry_error_per_metre_mm": 1e3 * rms(drift[:, 0]),
+        "odometry_error_per_metre_deg": math.degrees(rms(drift[:, 1])),
         "head_roll_std_deg": math.degrees(float(head[:, 0].std())),
         "head_pitch_std_deg": math.degrees(float(head[:, 1].std())),
         "head_sideways_std_mm": 1e3 * float(head[:, 4].std()),
@@ -157,14 +153,6 @@ def drift_per_metre(
             found.append((math.hypot(error.x, error.y), error.yaw))
             by_odometry, in_truth, length = Pose2(), Pose2(), 0.0
     return np.array(found).reshape(-1, 2)
-
-
-def _relative(
-    told: Float[np.ndarray, "n 3"], true: Float[np.ndarray, "n 3"]
-) -> Float[np.ndarray, "n 3"]:
-    """Each true step relative to the told one."""
-    pairs = zip(told.tolist(), true.tolist(), strict=True)
-    return np.array([(Pose2(*a).inverse() @ Pose2(*b)).vector for a, b in pairs]).reshape(-1, 3)
 
 
 EXPERIMENT = Experiment(

@@ -20,6 +20,7 @@ from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import WalkCommand
 
+from ...evaluation.metrics.averages import rms
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_all
 
@@ -145,9 +146,9 @@ def run(seeds: int, say: Say, body: str = "dynamic", commands: int = COMMANDS) -
         for trial in TRIALS
     }
     figures |= {
-        "step_length_error_mm": 1e3 * float(np.sqrt(np.mean(errors[:, 0] ** 2))),
-        "step_side_error_mm": 1e3 * float(np.sqrt(np.mean(errors[:, 1] ** 2))),
-        "heading_error_deg_per_step": math.degrees(float(np.sqrt(np.mean(errors[:, 2] ** 2)))),
+        "step_length_error_mm": 1e3 * rms(errors[:, 0]),
+        "step_side_error_mm": 1e3 * rms(errors[:, 1]),
+        "heading_error_deg_per_step": math.degrees(rms(errors[:, 2])),
         "heading_drift_deg_per_step": math.degrees(float(np.mean(drift))),
         "realtime_factor": float(np.median([one.realtime_factor for one in found])),
     }

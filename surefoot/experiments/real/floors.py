@@ -75,12 +75,11 @@ def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
 
 def kitchen(say: Say) -> tuple[dict[str, float], list[str]]:
     """7-Scenes red kitchen, sweep: the floor and not the table, in all views with enough floor."""
-    path = real_data.folder("sevenscenes_redkitchen")
-    known = real_data.floors(path / "floor.csv")
-    names = sorted(p.name[6:12] for p in (path / "sweep").glob("frame-*.depth.png"))
+    path, names = real_data.folder("sevenscenes_redkitchen"), real_data.kitchen_names("sweep")
+    known = real_data.kitchen_floors("sweep")
     correct, expected, angles = 0, 0, []
-    for name, (_, estimate, _) in zip(names, estimates(path / "sweep", say), strict=True):
-        truth = known[name]
+    views = zip(names, known, estimates(path / "sweep", say), strict=True)
+    for name, truth, (_, estimate, _) in views:
         for view in estimate.views:
             near = np.abs(truth.distance(view.points.xyz)) < 0.05
             if np.mean(near) < FLOOR_SHARE:
@@ -127,11 +126,12 @@ def living_room(say: Say) -> tuple[dict[str, float], list[str]]:
 
 def low_boxes(say: Say) -> tuple[dict[str, float], list[str]]:
     """RealSense close to a wooden floor, camera rolled: heights by a plane fitted to each frame."""
-    heights = (0.568, 0.176, 0.159, 0.214, 0.214, 0.071)  # m, by the description of the set
     errors_mm, shares = [], []
     for number, estimate, _ in estimates(real_data.folder("realsense_low_boxes"), say):
         for view in estimate.views:
-            errors_mm.append(1e3 * abs(view.floor.offset_m - heights[int(number)]))
+            errors_mm.append(
+                1e3 * abs(view.floor.offset_m - real_data.LOW_BOXES_HEIGHTS_M[int(number)])
+            )
             shares.append(float(np.mean(view.classes == FLOOR)))
     worst = max(errors_mm)
     figures = {"realsense_mm_max": worst, "realsense_frames": float(len(errors_mm))}

@@ -37,9 +37,7 @@ KINECT = Camera(640, 480, 525.0, 525.0, 319.5, 239.5)
 NEAR_M, FAR_M = 0.3, 6.0
 RENDERED = np.diag([np.radians(0.1) ** 2, np.radians(0.1) ** 2, 0.003**2])  # exact poses
 REPLICA = np.diag([np.radians(0.3) ** 2, np.radians(0.3) ** 2, 0.01**2])  # a scan, floor to 1 cm
-REDWOOD_FLOOR_M, REPLICA_FLOOR_M = 0.13, -1.135  # y and z of the floor, by the descriptions
-LOW_HEIGHTS_M = (0.568, 0.176, 0.159, 0.214, 0.214, 0.071)  # plane fits, by the description
-LOW_SIGMA_M = 0.01  # ours: those fits have the sensor's own errors
+LOW_SIGMA_M = 0.01  # ours: the planes fitted in low_boxes have the sensor's own errors
 
 
 class Pair(NamedTuple):
@@ -68,10 +66,8 @@ def cabinet(say: Say) -> list[Pair]:
 def kitchen(say: Say) -> list[Pair]:
     """Both parts of sevenscenes_redkitchen, against gravity and the floor of the reconstruction."""
     path, found = real_data.folder("sevenscenes_redkitchen"), []
-    known = real_data.floors(path / "floor.csv")
     for part in ("sweep", "pan"):
-        names = sorted(one.name[6:12] for one in (path / part).glob("frame-*.depth.png"))
-        found += _pairs(path / part, [known[name] for name in names], say)
+        found += _pairs(path / part, real_data.kitchen_floors(part), say)
     return found
 
 
@@ -98,7 +94,7 @@ def living_room(say: Say) -> list[Pair]:
     """redwood_livingroom, against its exact poses."""
     path = real_data.folder("redwood_livingroom")
     poses = read_log(path / "trajectory.log")
-    return _pairs(path, [_level(T, 1, REDWOOD_FLOOR_M, RENDERED) for T in poses], say)
+    return _pairs(path, [_level(T, 1, real_data.REDWOOD_FLOOR_M, RENDERED) for T in poses], say)
 
 
 def office(say: Say) -> list[Pair]:
@@ -106,13 +102,17 @@ def office(say: Say) -> list[Pair]:
     path = real_data.folder("replica_office0")
     poses = np.loadtxt(path / "traj.txt").reshape(-1, 4, 4)
     numbers = sorted(int(one.stem[5:]) for one in path.glob("depth*.png"))
-    return _pairs(path, [_level(poses[k], 2, REPLICA_FLOOR_M, REPLICA) for k in numbers], say)
+    return _pairs(
+        path, [_level(poses[k], 2, real_data.REPLICA_FLOOR_M, REPLICA) for k in numbers], say
+    )
 
 
 def low_boxes(say: Say) -> list[Pair]:
     """realsense_low_boxes: heights alone."""
     tilt = np.diag([1.0, 1.0, LOW_SIGMA_M**2])
-    known = [Plane(np.array([0.0, -1.0, 0.0]), height, tilt) for height in LOW_HEIGHTS_M]
+    known = [
+        Plane(np.array([0.0, -1.0, 0.0]), height, tilt) for height in real_data.LOW_BOXES_HEIGHTS_M
+    ]
     return _pairs(real_data.folder("realsense_low_boxes"), known, say, height_only=True)
 
 

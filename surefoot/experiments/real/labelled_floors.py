@@ -14,7 +14,6 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -25,7 +24,6 @@ from perception.floor.choose import Floor
 from perception.floor.classify import FLOOR, classify
 from perception.floor.prior import handheld_prior
 from perception.primitives.camera import Camera
-from perception.primitives.errors import InputError
 from perception.primitives.frame import Depth
 from perception.primitives.plane import Plane
 
@@ -152,8 +150,8 @@ def labelled(kind: Kind, prefix: str, say: Say) -> tuple[dict[str, float], list[
     folder = real_data.folder("dpd_planes")
     scores = []
     for name in kind.floors:
-        mask = floor_mask(_grey(folder / f"{name}.png"), kind)
-        labels = _grey(folder / f"{name}_gt.png").astype(np.int64)
+        mask = floor_mask(real_data.grey(folder / f"{name}.png").astype(np.float64), kind)
+        labels = real_data.grey(folder / f"{name}_gt.png").astype(np.int64)
         scores.append(0.0 if mask is None else overlap(mask, labels, kind, name))
         say(name)
     row = "  ".join(f"{n.split('_')[1]} {s:.2f}" for n, s in zip(kind.floors, scores, strict=True))
@@ -213,16 +211,6 @@ def run(seeds: int, say: Say) -> Outcome:
         table += part[1]
     figures["pcl_kinect_people"] = figures.pop("five_people_count")
     return Outcome(figures, table)
-
-
-def _grey(path: Path) -> Float[np.ndarray, "h w"]:
-    """An image in grey levels, converted from colour by OpenCV's weights."""
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise InputError(f"image {path} cannot be read; is the data set complete?")
-    return np.asarray(
-        image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.float64
-    )
 
 
 def _gravity(path: Path) -> Plane:

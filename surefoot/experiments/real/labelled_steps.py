@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Int
 
@@ -43,8 +42,10 @@ def images() -> tuple[Depth, Int[np.ndarray, "h w"]]:
         InputError: The recording is absent.
     """
     folder = real_data.folder("dpd_planes")
-    grey, labels = (_grey(str(folder / f"{NAME}{end}.png")) for end in ("", "_gt"))
-    return as_depth(grey.astype(np.float64), SR4000.curves[0], SR4000, NOISE_GREY), labels
+    grey, labels = (real_data.grey(folder / f"{NAME}{end}.png") for end in ("", "_gt"))
+    return as_depth(grey.astype(np.float64), SR4000.curves[0], SR4000, NOISE_GREY), labels.astype(
+        np.int64
+    )
 
 
 def overlaps(
@@ -76,12 +77,3 @@ def scores(say: Say) -> Part:
     words = [" ".join(f"{value:.2f}" for value in values) for values in (treads, risers)]
     figures = {"tread_iou": min(treads), "riser_iou": min(risers)}
     return figures, [f"labelled staircase (time of flight)  treads {words[0]}; risers {words[1]}"]
-
-
-def _grey(path: str) -> Int[np.ndarray, "h w"]:
-    """An image in grey levels."""
-    image = cv2.imread(path, cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise InputError(f"image {path} cannot be read; is the data set complete?")
-    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    return np.asarray(grey, dtype=np.int64)

@@ -34,12 +34,11 @@ from perception.primitives.pose import Pose3
 
 from ...config.schema import Config
 from ...evaluation.metrics import calibration as scores
+from ...evaluation.metrics.averages import rms
 from ...evaluation.metrics.consistency import squared, whitened
 from ...evaluation.metrics.gauge_alignment import errors_in_space
-from ...evaluation.metrics.trajectory import align, distances, rms
 from ...results.camera_trajectory import aligned_covariances
-from ...results.tables import Trajectory
-from .odometry import depth_and_colour, without_poses
+from .odometry import ate_m, depth_and_colour, trajectory, without_poses
 
 KISS_RANGE_M = (0.3, 6.0)  # of the depth cameras
 KISS_VOXEL_M = 0.06  # KISS-ICP's own rule: a hundredth of the range
@@ -75,9 +74,7 @@ class Track:
     @property
     def ate_m(self) -> float:
         """RMS position error after rigid alignment; NaN if it is not determined."""
-        mine, theirs = (np.array([p.position for p in poses]) for poses in (self.found, self.true))
-        best = align(mine, theirs)
-        return float("nan") if best is None else rms(distances(best.apply(mine), theirs))
+        return ate_m(self.found, self.true)
 
     @property
     def claims(self) -> bool:
@@ -87,15 +84,8 @@ class Track:
     def variance_ratio(self) -> float:
         """Mean NEES per degree of freedom of the whole trajectory after rigid alignment."""
         shared = np.array(self.shared)
-        placed = np.flatnonzero(np.isfinite(shared).all(axis=(1, 2)))
-        mine, theirs = (
-            Trajectory(
-                placed.astype(np.float64),
-                np.array([poses[i].position for i in placed]),
-                np.array([poses[i].quat_xyzw for i in placed]),
-            )
-            for poses in (self.found, self.true)
-        )
+        placed = np.isfinite(shared).all(axis=(1, 2))
+        mine, theirs = (trajectory(poses, placed) for poses in (self.found, self.true))
         rotations = Rotation.from_quat(mine.quats_xyzw).as_matrix()
         left = aligned_covariances(mine.positions, shared[placed])
         left = left + view_error_covariances(mine.positions, rotations, self.of_view).aligned

@@ -43,7 +43,7 @@ from ..support.experiment import Experiment, Outcome, Say, Target
 from .perturbed_logs import HEADER, perturbed, simulated, worst
 from .planar_smoother import smooth_journey
 from .range_only import follow_ranges
-from .robot_run import RobotRun, RunErrors, rms, run_errors
+from .robot_run import RobotRun, RunErrors, rms_length, run_errors
 from .robot_tracks import RobotTracks
 from .tilt_filter import tilt
 
@@ -150,7 +150,7 @@ def _robots(say: Say) -> tuple[dict[str, float], list[str]]:
             f"{known_errors.pose_anees:10.2f}  {unknown.rmse_m:9.3f}  "
             f"{figures[f'r{robot}_dead_reckoning_m']:16.2f}  {int(np.sum(known.status != 1)):8d}"
         )
-    figures["robot_track_rmse_m"] = rms(np.concatenate(track_errors))
+    figures["robot_track_rmse_m"] = rms_length(np.concatenate(track_errors))
     table += [f"fitted on robot {robot}: {parameters}" for robot, parameters in fitted.items()]
     for found, lines in (untuned(folder, fitted[ROBOTS[0]].config, say), simulated(say)):
         figures.update(found)

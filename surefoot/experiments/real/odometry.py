@@ -9,7 +9,7 @@ Source: ours.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -26,9 +26,10 @@ from perception.primitives.errors import InputError
 from perception.primitives.frame import Depth, Frame
 from perception.primitives.pose import Pose3
 
+from ...evaluation.metrics.averages import rms
 from ...evaluation.metrics.consistency import squared, whitened
 from ...evaluation.metrics.gauge_alignment import errors_in_space
-from ...evaluation.metrics.trajectory import align, distances, rms
+from ...evaluation.metrics.trajectory import align, distances
 from ...recordings.open import open_recording
 from ...results.tables import Trajectory
 from ..support import real_data
@@ -70,16 +71,13 @@ class TrajectoryResult:
         if self.claimed is None:
             return float("nan")
         placed = np.isfinite(self.claimed).all(axis=(1, 2))
-        pair = [_trajectory(poses, placed) for poses in (self.found, self.true)]
+        pair = [trajectory(poses, placed) for poses in (self.found, self.true)]
         return float(squared(whitened(errors_in_space(*pair), self.claimed[placed])).mean()) / 6.0
 
     @property
     def ate_m(self) -> float:
         """Absolute trajectory error (rms) after rigid alignment; NaN if the alignment is not unique."""
-        estimate = np.array([pose.position for pose in self.found])
-        truth = np.array([pose.position for pose in self.true])
-        best = align(estimate, truth)
-        return float("nan") if best is None else rms(distances(best.apply(estimate), truth))
+        return ate_m(self.found, self.true)
 
     @property
     def step_errors_m(self) -> list[float]:
@@ -96,6 +94,13 @@ class TrajectoryResult:
             error > SLIP_M and number + 1 not in self.flagged
             for number, error in enumerate(self.step_errors_m)
         )
+
+
+def ate_m(found: Sequence[Pose3], true: Sequence[Pose3]) -> float:
+    """RMS position error after rigid alignment, m; NaN if the alignment is not unique."""
+    mine, theirs = (np.array([pose.position for pose in poses]) for poses in (found, true))
+    best = align(mine, theirs)
+    return float("nan") if best is None else rms(distances(best.apply(mine), theirs))
 
 
 def without_poses(frames: Iterable[Frame]) -> Iterator[tuple[Frame, Pose3]]:
@@ -126,7 +131,8 @@ def our_odometry(
     )
 
 
-def _trajectory(poses: list[Pose3], placed: Bool[np.ndarray, "n"]) -> Trajectory:
+def trajectory(poses: list[Pose3], placed: Bool[np.ndarray, "n"]) -> Trajectory:
+    """The poses that are placed, with their numbers as stamps."""
     kept = [pose for pose, one in zip(poses, placed, strict=True) if one]
     return Trajectory(
         np.flatnonzero(placed).astype(np.float64),

@@ -21,6 +21,7 @@ from perception.odometry.rgbd_odometry import Odometer, OdometerConfig
 from perception.primitives.frame import Frame
 from perception.primitives.pose import Pose3
 
+from ...evaluation.metrics.averages import mean
 from ..support.experiment import Part, Say
 from .broken_recordings import BREAKS
 
@@ -164,15 +165,11 @@ def alarms(sequences: Iterable[Broken], rng: np.random.Generator, say: Say) -> P
     leads = [event.failure - event.alarm for event in failed if event.caught]  # type: ignore[operator]
     figures = {
         "alarm_events": float(len(failed)),
-        "alarm_recall": _share([event.caught for event in failed]),
+        "alarm_recall": mean([event.caught for event in failed]),
         "alarm_silent_events": float(len(silent)),
-        "alarm_silent_recall": _share([event.caught for event in silent]),
-        "alarm_lead_frames_mean": float(np.mean(leads)) if leads else float("nan"),
+        "alarm_silent_recall": mean([event.caught for event in silent]),
+        "alarm_lead_frames_mean": mean(leads),
         "alarm_frames": float(frames),
         "alarm_false_per_1000": 1000.0 * false / frames,
     }
     return figures, table
-
-
-def _share(flags: Sequence[bool]) -> float:
-    return float(np.mean(flags)) if flags else float("nan")

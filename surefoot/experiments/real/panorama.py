@@ -24,7 +24,7 @@ from mapping.panorama.views import View
 from perception.features.mdghm_sift import SiftConfig
 from perception.features.pictures import range_picture
 
-from ...evaluation.metrics.trajectory import rms
+from ...evaluation.metrics.averages import rms
 from ..support.experiment import Experiment, Outcome, Say, Target, combined
 from . import object_sizes, panorama_floor, panorama_pictures
 

@@ -11,7 +11,6 @@ Source: ours.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -25,14 +24,12 @@ from perception.primitives.pose import Pose3
 
 from ...config.schema import Config
 from ...offline.panorama_views import gather
+from ...progress import Say, silent
 from ...recordings.open import open_recording
 from ...recordings.recording import Recording, RecordingInfo, SkippedFrame
 from ..support import real_data
-from ..support.experiment import Say
 from .replica_room import ReplicaRoom
 
-REPLICA_FLOOR_M = -1.135  # z of the floor in the world of the set
-REDWOOD_FLOOR_M = 0.13  # y of the floor
 REPLICA_EVERY = 100  # frames of the simulated recording
 TURNED = Pose3.from_rotation(
     Rotation.random(random_state=1).as_matrix(), np.array([30.0, -50.0, 12.0])
@@ -102,7 +99,7 @@ def height_errors_m(
     recording: Recording, heights_m: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "n"]:
     """Height of each camera above the floor of the panorama, minus the true one; infinite without a floor."""
-    gathered = gather(recording, Config(), _silent)
+    gathered = gather(recording, Config(), silent)
     if gathered.floor is None:
         return np.full(len(heights_m), np.inf)
     poses = [frame.T_world_camera for frame in recording.frames()]
@@ -116,11 +113,7 @@ def height_errors_m(
 
 def _kitchen(folder: Path, part: str) -> tuple[list[Frame], np.ndarray]:
     frames = list(open_recording(folder / part).frames())
-    with (folder / "floor.csv").open() as lines:
-        rows = csv.DictReader(line for line in lines if not line.startswith("#"))
-        known = {row["frame"]: float(row["height_m"]) for row in rows}
-    names = sorted(path.name[6:12] for path in (folder / part).glob("frame-*.depth.png"))
-    return frames, np.array([known[name] for name in names])
+    return frames, np.array([floor.offset_m for floor in real_data.kitchen_floors(part)])
 
 
 def _cabinet() -> tuple[list[Frame], np.ndarray]:
@@ -129,7 +122,9 @@ def _cabinet() -> tuple[list[Frame], np.ndarray]:
 
 
 def _living_room() -> tuple[list[Frame], np.ndarray]:
-    return _with_heights("redwood_livingroom", lambda place: float(place[1]) - REDWOOD_FLOOR_M)
+    return _with_heights(
+        "redwood_livingroom", lambda place: float(place[1]) - real_data.REDWOOD_FLOOR_M
+    )
 
 
 def _with_heights(
@@ -142,13 +137,9 @@ def _with_heights(
 def _office() -> tuple[list[Frame], np.ndarray]:
     room = ReplicaRoom(real_data.folder("replica_office0"))
     frames = list(room.frames(np.random.default_rng(0), REPLICA_EVERY))
-    return frames, _heights(frames, lambda place: float(place[2]) - REPLICA_FLOOR_M)
+    return frames, _heights(frames, lambda place: float(place[2]) - real_data.REPLICA_FLOOR_M)
 
 
 def _heights(frames: list[Frame], height: Callable[[np.ndarray], float]) -> np.ndarray:
     poses = [frame.T_world_camera for frame in frames]
     return np.array([height(pose.position) for pose in poses if pose is not None])
-
-
-def _silent(text: str) -> None:
-    pass

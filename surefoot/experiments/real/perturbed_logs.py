@@ -24,7 +24,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +35,9 @@ from perception.planar.log_localiser import LocalisedLog, localise
 from perception.planar.planar_fit import SIZES
 from perception.planar.planar_log import PlanarLog
 
+from ...evaluation.metrics.averages import rms
 from ...recordings.robot_log import RobotLog
+from ..support.experiment import Say
 from .simulated_logs import simulated_log, with_drift, with_outliers
 
 DRIFT_RADPS = math.radians(0.5)
@@ -49,8 +50,6 @@ WHEELS = 1.1
 RECOVERY_S = 60.0
 FAR = 5.0  # standard deviations
 SIMULATED = 6  # seeds of each kind
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ class LogErrors:
     def rmse_m(self, since_s: float = -math.inf) -> float:
         """Root mean square error of the claimed poses; NaN if there are none."""
         claimed = ~self.lost & (self.stamps_s >= since_s)
-        return float(np.sqrt(np.mean(self.errors_m[claimed] ** 2))) if claimed.any() else math.nan
+        return rms(self.errors_m[claimed])
 
     @property
     def anees(self) -> float:

@@ -29,15 +29,14 @@ from ...offline.fusion import add_to_map
 from ...offline.job import Job
 from ...offline.map import map_recording
 from ...offline.placed_images import GivenCamera
+from ...progress import Say, silent
 from ...recordings.open import open_recording
 from ...recordings.recording import RecordingInfo, SkippedFrame
 from ...recordings.without_poses import WithoutPoses
 from ..support import real_data
-from ..support.experiment import Say
 from .replica_room import ReplicaRoom
 
 EVERY = 8  # of Replica's 2000 frames: each surface is still seen about twenty times
-FLOOR_M = -1.135  # of the room, in its axes; the data set's mesh shows it to a centimetre
 SAMPLES = 2_000_000  # points on the true mesh, about fifty in a cell
 CLAIMS = np.arange(0.0, 1.01, 0.1)  # centres of the bins of the reliability table
 CLAIMED = 0.8
@@ -87,7 +86,7 @@ def _truly_occupied(
 ) -> Bool[np.ndarray, "rows columns"]:
     """Cells of the map in which the true mesh rises above the lowest obstacle, below the robot's top."""
     points = room.mesh.sampled(SAMPLES, np.random.default_rng(0)).astype(np.float64)
-    height = points[:, 2] - FLOOR_M
+    height = points[:, 2] - real_data.REPLICA_FLOOR_M
     rising = points[(height > LOWEST_OBSTACLE_M) & (height < ROBOT_TOP_M)]
     cells = world.cell_of(T_map_world.apply(rising)[:, :2])
     occupied = np.zeros(world.known.shape, np.bool_)
@@ -154,7 +153,7 @@ def kitchen(say: Say) -> tuple[dict[str, float], list[str]]:
                 config,
                 Path(folder) / name,
             )
-            walkable[name] = map_recording(job, lambda _: None).walkable_m2
+            walkable[name] = map_recording(job, silent).walkable_m2
     ratio = walkable["given"] / max(walkable["own"], 1e-9)
     figures = {"walkable_ratio": ratio, "walkable_given_m2": walkable["given"]}
     return figures, [

@@ -18,7 +18,7 @@ from perception.filtering.square_root import SquareRootFilter
 from perception.primitives.gaussian import Gaussian
 
 from ...recordings.plaza import RangeLog
-from .robot_run import rms
+from .robot_run import rms_length
 
 SCALE = 3  # entry of the state, after x, y, yaw
 GATE = chi_square_quantile(0.99, 1)  # radio ranges have a heavy tail
@@ -65,8 +65,8 @@ def follow_ranges(log: RangeLog) -> RangeOutcome:
         errors.append(robot.mean[:2] - true)
         dead_reckoning_errors.append(dead_reckoned[0, :2] - true)
     return RangeOutcome(
-        rms(np.array(errors)),
-        rms(np.array(dead_reckoning_errors)),
+        rms_length(np.array(errors)),
+        rms_length(np.array(dead_reckoning_errors)),
         float(robot.mean[SCALE]),
         rejected / max(row, 1),
     )

@@ -79,7 +79,7 @@ class RobotRun:
         """Root mean square position error on the evaluation grid, linearly interpolated between instants, m."""
         grid = np.arange(self.start_s, self.end_s, GRID_S)
         there = np.stack([np.interp(grid, instants, means[:, c]) for c in (0, 1)], axis=-1)
-        return rms(there - self.true_pose(grid)[:, :2])
+        return rms_length(there - self.true_pose(grid)[:, :2])
 
     def steps(self, instants: Float[np.ndarray, "n"], delay_s: float) -> Float[np.ndarray, "n 3"]:
         """Time, path length and turn before each instant, with odometry delayed by `delay_s`."""
@@ -120,7 +120,7 @@ class RobotRun:
         odometry_poses = np.stack(
             [x + np.cumsum(path * np.cos(heading)), y + np.cumsum(path * np.sin(heading))], axis=-1
         )
-        return rms(odometry_poses - self.true_pose(instants)[:, :2])
+        return rms_length(odometry_poses - self.true_pose(instants)[:, :2])
 
 
 @dataclass(frozen=True)
@@ -156,13 +156,13 @@ def run_errors(
     before = np.searchsorted(sighted, stamps, side="right") - 1
     near = (before >= 0) & (stamps - sighted[np.maximum(before, 0)] <= 1.0)
     return RunErrors(
-        rms(errors[:, :2]),
+        rms_length(errors[:, :2]),
         float(np.degrees(np.median(np.abs(errors[near, 2])))),
         float(np.mean(nees(errors[:, :2], covariances[:, :2, :2]))) / 2.0,
         float(np.mean(nees(errors, covariances))) / 3.0,
     )
 
 
-def rms(errors: Float[np.ndarray, "n d"]) -> float:
+def rms_length(errors: Float[np.ndarray, "n d"]) -> float:
     """Root mean square length of the error vectors."""
     return float(np.sqrt(np.mean(np.sum(errors**2, axis=-1))))

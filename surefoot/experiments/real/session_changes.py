@@ -21,8 +21,8 @@ from mapping.objects.pixels import inside
 from sim.scenes.home import home
 
 from ...offline.merge import merge
+from ...progress import Say, silent
 from ...results.run_folder import RunFolder
-from ..support.experiment import Say
 from ..support.handheld import (
     Rearranged,
     drifted,
@@ -134,7 +134,7 @@ def home_changes(seed: int, place: Path, most: int, say: Say) -> Found:
     maps = mapped(recordings, say, ignore_poses=False)
     folder = place / "merged"
     say(f"home {seed}: merge")
-    merge(maps, folder, lambda text: None, report=False)
+    merge(maps, folder, silent, report=False)
     return Found(state, aligned(folder), _forwards(RunFolder.open(folder)))
 
 

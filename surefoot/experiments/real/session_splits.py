@@ -19,13 +19,14 @@ from jaxtyping import Float
 from perception.primitives.frame import Frame
 
 from ...config.schema import Config
-from ...evaluation.metrics.trajectory import Alignment, align, associate, distances, rms
+from ...evaluation.metrics.averages import rms
+from ...evaluation.metrics.trajectory import Alignment, align, associate, distances
 from ...offline.job import TRUTH, Job
 from ...offline.map import map_recording
 from ...offline.merge import merge
+from ...progress import Say, silent
 from ...results.run_folder import RunFolder
 from ..support import real_data
-from ..support.experiment import Say
 from ..support.handheld import record
 from .replica_room import ReplicaRoom
 
@@ -148,13 +149,9 @@ def mapped(recordings: Sequence[Path], say: Say, ignore_poses: bool = True) -> l
         config = replace(Config(), ignore_poses=ignore_poses)
         out = recording.with_name(f"{recording.stem}-map")
         found.append(
-            Path(map_recording(Job.open("map", recording, None, config, out), _quiet).folder)
+            Path(map_recording(Job.open("map", recording, None, config, out), silent).folder)
         )
     return found
-
-
-def _quiet(text: str) -> None:
-    pass
 
 
 def merged_in_orders(
@@ -172,7 +169,7 @@ def merged_in_orders(
         say(f"merge in order {number + 1} of {orders}")
         order = rng.permutation(len(maps)).tolist() if number else range(len(maps))
         out = place / f"merged-{number + 1}"
-        merge([maps[k] for k in order], out, _quiet, report=False)
+        merge([maps[k] for k in order], out, silent, report=False)
         content = {name: (out / name).read_bytes() for name in FILES if (out / name).is_file()}
         first = first or content
         same.append(content == first)

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...evaluation.metrics.trajectory import rms
+from ...evaluation.metrics.averages import rms
 from ...report.plots import style
 from ...results.run_folder import RunFolder
 from ..support.experiment import Experiment, Outcome, Say, Target

@@ -17,6 +17,7 @@ from itertools import islice
 import numpy as np
 
 from ...config.schema import Config
+from ...evaluation.metrics.averages import rms
 from ...evaluation.metrics.contact_classes import CLASSES
 from ..support.columns import Row
 from ..support.experiment import Experiment, Outcome, Say, Target
@@ -103,7 +104,7 @@ def _figures(found: list[dict[str, float]]) -> dict[str, float]:
         "goal1_s_mean": float(np.nanmean(first)) if np.isfinite(first).any() else np.nan,
         "goal5_s_max": float(np.max(np.nan_to_num(all_of("goal5_s"), nan=np.inf))),
         "min_clearance_mm": 1e3 * float(np.min(all_of("min_clearance_m"))),
-        "position_rmse_m": float(np.sqrt(np.mean(all_of("position_rmse_m") ** 2))),
+        "position_rmse_m": rms(all_of("position_rmse_m")),
     }
 
 

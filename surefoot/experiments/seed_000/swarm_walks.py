@@ -10,13 +10,11 @@ from dataclasses import replace
 import numpy as np
 
 from perception.primitives.robot_model import GaitLimits
-from planning.planners.mission import MissionConfig
-from sim.scenes import catalogue
-from sim.scenes.seed_rooms import GOAL_TIMES_S
 
-from ...config.presets import on_body
+from ...config.presets import by_one_camera, on_body
 from ...config.schema import Config
 from ...results.run_folder import RunFolder
+from ...run.simulate import scene_of
 from ..support.walks import falls_and_contacts
 
 PRINTED_MPS = 0.04 / 0.65  # seed 000: S_F in T_SS + T_DS
@@ -41,18 +39,15 @@ def config_of(
         body: "kinematic" or "dynamic".
         version: Version of the swarm planner, see its settings.
     """
-    config = Config(scene=scene, seed=seed)
-    robot = replace(config.robot, tof=False, stereo=False, image_pairs=True)
+    config = by_one_camera(Config(scene=scene, seed=seed), scene)
     gait = replace(config.gait, cruise_mps=cruise_mps)
     if cruise_mps <= PRINTED_MPS:
         gait = replace(gait, max_speed_mps=cruise_mps)
-    times = GOAL_TIMES_S[scene]
     config = replace(
         config,
-        robot=robot,
         gait=gait,
-        swarm=replace(config.swarm, goal_times_s=times, version=version),
-        mission=MissionConfig(planner="swarm", goals=len(times), time_limit_s=limit_s),
+        swarm=replace(config.swarm, version=version),
+        mission=replace(config.mission, planner="swarm", time_limit_s=limit_s),
     )
     return on_body(config, body)
 
@@ -67,9 +62,7 @@ def figures_of(folder: RunFolder, config: Config) -> dict[str, float]:
     figures = falls_and_contacts(folder, config)
     walked = folder.read_trajectory("truth/trajectory.txt")
     assert walked is not None, "a simulated run has its truth"
-    goals = catalogue.load(
-        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
-    ).goals
+    goals = scene_of(config).goals
     starts = config.swarm.goal_times_s
     for k, (goal, begin) in enumerate(zip(goals, starts, strict=True)):
         end = starts[k + 1] if k + 1 < len(starts) else np.inf

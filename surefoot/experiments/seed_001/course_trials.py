@@ -12,6 +12,7 @@ from planning.safety.step_filter import StepFilter, Unfiltered
 from planning.univector.fields import FieldConfig
 
 from ...config.presets import on_body
+from ...evaluation.metrics.averages import rms
 from ...evaluation.metrics.contact_classes import CLASSES
 from ..support.course_runner import CourseWalk, course_config, published, walk
 from ..support.dynamic_window import DynamicWindow
@@ -96,7 +97,7 @@ def figures(walks: Sequence[CourseWalk], suffix: str = "") -> dict[str, float]:
         "time_s_mean": float(np.mean([one.time_s for one in walks])),
         "min_clearance_mm": 1e3 * min(one.clearance_m for one in walks),
         "turning_deg_mean": float(np.degrees(np.mean([one.turning_rad for one in walks]))),
-        "position_rmse_mm": 1e3 * float(np.sqrt(np.mean(off[:, :2] ** 2))),
+        "position_rmse_mm": 1e3 * rms(off[:, :2]),
         "heading_rmse_deg": float(np.degrees(np.sqrt(np.mean(off[:, 2] ** 2)))),
         "cycle_ms_p99": float(np.percentile([t for w in walks for t in w.cycle_ms], 99)),
         "decision_ms_p99": float(np.percentile([t for w in walks for t in w.decision_ms], 99)),

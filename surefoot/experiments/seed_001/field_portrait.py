@@ -20,6 +20,7 @@ from jaxtyping import Float
 from planning.univector import fields
 from planning.univector.fields import PUBLISHED, FieldConfig
 
+from ...evaluation.metrics.averages import mean
 from ...report.plots.style import ESTIMATE, FAINT, TARGET, WRONG, Drawing, sheet
 from ..support.experiment import Experiment, Outcome, Say, Target
 
@@ -143,7 +144,7 @@ def statistics(world: FieldWorld, lines: list[np.ndarray]) -> StreamlineStatisti
         nearest = min(nearest, float((away / world.extended_m).min()))
     return StreamlineStatistics(
         float(np.mean(arrived)),
-        float(np.mean(errors)) if errors else math.nan,
+        mean(errors),
         max(errors, default=math.nan),
         nearest,
     )

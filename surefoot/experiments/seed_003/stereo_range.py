@@ -27,6 +27,7 @@ from sim.sensors.cameras import stereo_pair
 from sim.shapes import Box
 from sim.world import World
 
+from ...evaluation.metrics.averages import median, rms
 from ..support.columns import Row
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.simulated_depth import true_depth
@@ -131,7 +132,7 @@ class Tally:
 
     def median_pct(self, distance_m: float) -> float:
         """Median error of depth of the faces at a distance."""
-        return 100.0 * _median(np.concatenate(self.off[distance_m]))
+        return 100.0 * median(np.concatenate(self.off[distance_m]))
 
     def figures(self, name: str) -> dict[str, float]:
         """All figures, their names beginning with `name`."""
@@ -141,9 +142,7 @@ class Tally:
             f"{name}error_pct_2m": max(self.median_pct(z) for z in DISTANCES_M if z <= 2.0),
             f"{name}error_pct_4m": self.median_pct(4.0),
             f"{name}reliability_auc": roc_area(scores, faults),
-            f"{name}normalised_error": float(
-                np.sqrt(np.mean(np.concatenate(self.normalised) ** 2))
-            ),
+            f"{name}normalised_error": rms(np.concatenate(self.normalised)),
             f"{name}wrong_of_all_pct": 100.0 * float(np.mean(faults)),
             f"{name}accepted_pct": 100.0 * float(np.mean(accepted)),
             f"{name}wrong_of_accepted_pct": 100.0 * float(np.mean(faults[accepted])),
@@ -165,20 +164,14 @@ def run(seeds: int, say: Say) -> Outcome:
         for z in distances.tolist():
             shown[z] += int(np.sum(np.abs(true - z) < SAME_M))
     figures = ours.figures("") | published.figures("published_")
-    figures["subpixel_error_px"] = float(np.sqrt(np.mean(np.concatenate(by_v) ** 2)))
-    figures["published_subpixel_error_px"] = float(
-        np.sqrt(np.mean(np.concatenate(by_parabola) ** 2))
-    )
+    figures["subpixel_error_px"] = rms(np.concatenate(by_v))
+    figures["published_subpixel_error_px"] = rms(np.concatenate(by_parabola))
     table = ["distance   median error   accepted"]
     for z in DISTANCES_M:
         share = sum(map(len, ours.off[z])) / max(shown[z], 1)
         table.append(f"{z:6.2f} m   {ours.median_pct(z):9.2f} %   {100 * share:6.0f} %")
     rows: list[Row] = [(words, None, f"published_{name}", name) for words, name in ROWS]
     return Outcome(figures, table, rows)
-
-
-def _median(values: np.ndarray) -> float:
-    return float(np.median(values)) if len(values) else math.nan
 
 
 ROWS = (

@@ -15,6 +15,7 @@ from ...config.presets import on_body
 from ...config.schema import Config
 from ...evaluation.metrics.maps import UNKNOWN, read_map
 from ...results.run_folder import RunFolder
+from ...run.simulate import scene_of
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.walks import total_falls, walk_all
 
@@ -25,11 +26,8 @@ BODY_M = 0.20  # planning disc of 0.15 m plus the guard's distance from furnitur
 def coverage(run: RunFolder, config: Config) -> dict[str, float]:
     """coverage: share of the reachable floor that the final map knows."""
     from sim.free_space import clearance_map
-    from sim.scenes import catalogue
 
-    scene = catalogue.load(
-        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
-    )
+    scene = scene_of(config)
     parts = [part for thing in scene.static_objects for part in thing.parts]
     space = clearance_map(scene.extent, parts)
     assert scene.start is not None

@@ -28,6 +28,7 @@ from sim.sensors.tof_camera import TofCamera, TofConfig
 from sim.shapes import Box
 
 from ...config.schema import CALIBRATED_TOF
+from ...evaluation.metrics.averages import mean
 from ..support.columns import Row
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_all
@@ -192,7 +193,7 @@ def _figures(name: str, everything: list[Measurements]) -> dict[str, float]:
         f"{name}_width_max_pct": float(width_error.max()),
         f"{name}_distance_mean_pct": float(distance_error.mean()),
         f"{name}_distance_max_pct": float(distance_error.max()),
-        f"{name}_height_mean_mm": float(np.mean(heights)) if heights else math.nan,
+        f"{name}_height_mean_mm": mean(heights),
         f"{name}_width_nees": float(np.mean(np.square(sigmas))) if sigmas else math.nan,
     }
 

@@ -28,6 +28,7 @@ from mapping.panorama.views import View
 from perception.primitives.pose import Pose3
 from sim.scenes import catalogue
 
+from ...evaluation.metrics.averages import rms
 from ...report.plots import panorama as plots
 from ...report.plots.style import Drawing
 from ..support.experiment import Experiment, Outcome, Say, Target
@@ -52,7 +53,7 @@ def law_errors_deg(panorama: Panorama, views: list[View]) -> float:
     x, y = np.arange(sphere.width, dtype=float), np.arange(sphere.height, dtype=float)
     theta, phi = sphere.angles(x, np.zeros(1))[0], sphere.angles(np.zeros(1), y)[1]
     off = np.concatenate([across.angle(x) - theta, down.angle(y) - phi])
-    return math.degrees(float(np.sqrt(np.mean(off**2))))
+    return math.degrees(rms(off))
 
 
 def objects_and_gaps(seeds: int, scenes: int, say: Say) -> tuple[dict[str, float], list[str]]:
@@ -79,7 +80,7 @@ def objects_and_gaps(seeds: int, scenes: int, say: Say) -> tuple[dict[str, float
         "gap_wide_beyond_3sigma": float(np.count_nonzero(deviations > 3.0)),
         "gap_narrow_beyond_3sigma": float(np.count_nonzero(deviations < -3.0)),
         "gap_mean_sigmas": float(np.mean(deviations)),
-        "gap_rms_sigmas": float(np.sqrt(np.mean(deviations**2))),
+        "gap_rms_sigmas": rms(deviations),
         "gap_unlisted_max_mm": 1e3 * max(unlisted, default=0.0),
         "width_error_mm": float(np.median(widths)),
         "height_error_mm": float(np.median(heights)),

@@ -25,6 +25,7 @@ from perception.primitives.safe_input import UnreadableError
 
 from ...config import toml
 from ...config.schema import Config
+from ...progress import Say, silent
 from ...report import experiment_page
 from ...report.plots import figures as figure_plot
 from ...report.plots import style
@@ -34,7 +35,7 @@ from ...results.run_folder import RunFolder
 from ...results.run_json import Maybe, Some, Values
 from ...results.version import commit, version
 from . import experiment as experiments
-from .experiment import Experiment, Outcome, Say, Target
+from .experiment import Experiment, Outcome, Target
 from .papers import HEADINGS, origin, room_of
 from .resampling import Record, intervals
 from .trials import ResultCache, cached, code_hash, heard_by
@@ -112,7 +113,7 @@ def perform(order: Order, out: Path | None, say: Say) -> dict[str, Any]:
     seconds = time.monotonic() - began_s
     say("confidence intervals")
     spans, said = intervals(
-        lambda: order.run(_quiet)[1].figures,
+        lambda: order.run(silent)[1].figures,
         record,
         outcome.figures,
         seconds,
@@ -182,10 +183,6 @@ def figures_csv(result: Mapping[str, Any]) -> str:
         )  # fmt: skip
         writer.writerow([cell(value) for value in row])
     return text.getvalue()
-
-
-def _quiet(text: str) -> None:
-    pass
 
 
 def _about(experiment: Experiment) -> dict[str, Any]:

@@ -22,7 +22,6 @@ from planning.univector.fields import FieldConfig
 from planning.world_model import WorldModel
 from sim.robot import SimulatedRobot
 from sim.scene import Scene
-from sim.scenes import catalogue
 from sim.scenes.course import COLOURS
 from sim.world import World
 
@@ -33,7 +32,7 @@ from ...run.bodies import LiveBody
 from ...run.loop import cycles
 from ...run.perception_source import PerceptionSource
 from ...run.pipeline import Pipeline
-from ...run.simulate import known_beforehand, true_start
+from ...run.simulate import known_beforehand, scene_of, true_start
 from .geometric_perception import GeometricPerception
 
 PASSED_M = 0.30  # navigation study: a via point counts as reached when passed within 0.3 m
@@ -73,9 +72,9 @@ class CourseWalk:
     pose_errors: list[tuple[float, float, float]] = field(default_factory=list)
 
 
-def course_config(scene: str, seed: int, config: Config | None = None) -> Config:
+def course_config(scene: str, seed: int) -> Config:
     """Configuration of a walk by geometric perception: all via points, passed within 0.3 m, no cameras."""
-    base = Config() if config is None else config
+    base = Config()
     return replace(
         base,
         scene=scene,
@@ -119,9 +118,7 @@ def walk(config: Config, perfect: bool = False, stepper: StepFilter | None = Non
         stepper: Checks every step of the planner "search"; None: the guard.
     """
     config.robot.require()
-    scene = catalogue.load(
-        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
-    )
+    scene = scene_of(config)
     placed = replace(scene, start=true_start(scene, config))
     result, touch = CourseWalk(), Touch()
     images = config.robot.tof

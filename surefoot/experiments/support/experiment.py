@@ -11,6 +11,7 @@ from typing import Any
 
 from perception.primitives.errors import InputError
 
+from ...progress import Say as Say  # experiments take it from here
 from ...report.plots.style import Drawing
 from ...results import registry
 from .columns import Row, three_columns
@@ -86,8 +87,6 @@ FILES = {
 
 BODIES = ("kinematic", "dynamic")
 """Kinematic: exact footsteps with random slip. Dynamic: servos, soles and gravity."""
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from jaxtyping import Float
 from perception.primitives.obstacle import Obstacle
 from planning.safety.ahead import Ahead
 from planning.safety.prediction import MotionPatterns
-from sim.scenes import catalogue
 from sim.truth import FIRST_STATIC_ID
 
 from ...config.schema import Config
@@ -21,6 +20,7 @@ from ...evaluation.metrics.gospa import gospa
 from ...evaluation.metrics.obstacles import GATE_M, MOVING, TRUE_STATE, TrackErrors, track_errors
 from ...evaluation.metrics.regions import in_region
 from ...results.tables import Table
+from ...run.simulate import scene_of
 from .in_sight import Sightlines
 from .plain_tracker import ACCELERATION, PlainTracker
 from .watched_walk import WatchedInstant, watched_walk
@@ -88,9 +88,7 @@ def judged(config: Config, seconds: float, acceleration: float = ACCELERATION) -
         seconds: Length of the walk.
         acceleration: Of the plain tracker.
     """
-    scene = catalogue.load(
-        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
-    )
+    scene = scene_of(config)
     sight, log = Sightlines(scene), _Log()
     patterns, plain = MotionPatterns(), PlainTracker(config.tracker, acceleration)
     lens = config.robot.tof_camera.camera

@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Float
 
 from ...config.schema import Config
+from ...progress import Say, silent
 from ...results.row_stream import RowStream
 from ...results.run_folder import RunFolder
 from ...run.loop import Cycle
 from ...run.memory import memory_mb
 from ...run.simulate import simulate
-from .experiment import Say
 
 LOG = "cycles.csv"
 HEADER = ("stamp_s", "cycle_ms", "busy_ms", "rss_mb")
@@ -75,7 +75,7 @@ def long_walk(config: Config, out: Path, say: Say) -> RunFolder:
             last_min = int(stamp / 60.0)
             say(f"{last_min} min, {memory_mb():.0f} MB")
 
-    simulate(config, out, False, lambda text: None, report=False, watch=watch)
+    simulate(config, out, False, silent, report=False, watch=watch)
     for table in log:
         table.close()
     return RunFolder.open(out)

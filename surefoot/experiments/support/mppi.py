@@ -30,8 +30,8 @@ CONTACT_COST = 100.0  # per sample in contact
 class PathIntegral:
     """Keeps the plan of the last step."""
 
-    def __init__(self, robot: RobotModel, seed: int = 0) -> None:
-        self._robot, self._rng = robot, np.random.default_rng(seed)
+    def __init__(self, robot: RobotModel) -> None:
+        self._robot, self._rng = robot, np.random.default_rng(0)
         self._plan = np.tile([robot.gait.cruise_mps, 0.0], (STEPS, 1))
 
     def choose(

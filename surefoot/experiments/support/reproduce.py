@@ -21,12 +21,13 @@ from typing import Any
 from mapping.io.atomic_write import atomic_path
 from perception.primitives.errors import InputError, OutputError
 
+from ...progress import Say, silent
 from ...report import experiment_page
 from ...results.formats import refuse
 from ...run.end_with_parent import end_with_parent
 from . import artefacts
 from . import experiment as experiments
-from .experiment import Experiment, Say
+from .experiment import Experiment
 from .papers import HEADINGS, PAPERS, ROOMS, room_of
 from .trials import code_hash
 
@@ -137,7 +138,7 @@ def _ended(
     context = get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=context, initializer=end_with_parent) as pool:
         long_first = sorted(identities, key=lambda name: name not in SMALLER)
-        waiting = {pool.submit(_one, name, quick, folder, _quiet): name for name in long_first}
+        waiting = {pool.submit(_one, name, quick, folder, silent): name for name in long_first}
         try:
             for number, done in enumerate(as_completed(waiting)):
                 try:
@@ -147,10 +148,6 @@ def _ended(
                 say(f"{number + 1} of {len(identities)} experiments")
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _quiet(text: str) -> None:
-    pass
 
 
 def _say_at(say: Say, place: str, text: str) -> None:

@@ -27,9 +27,9 @@ from perception.primitives.errors import InputError
 from perception.primitives.safe_input import UnreadableError
 
 from ... import cores
+from ...progress import Say
 from ...results import object_file
 from ...run.end_with_parent import end_with_parent
-from .experiment import Say
 
 WORKERS = cores.available()
 PACKAGES = ("perception", "mapping", "planning", "sim", "surefoot")

@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ...config.schema import Config
+from ...evaluation.metrics.averages import rms
 from ...evaluation.metrics.contact_classes import class_counts, contacts_of_run
+from ...progress import Say, silent
 from ...results.run_folder import RunFolder
-from .experiment import Say
 from .trials import run_all
 
 ExtraFigures = Callable[[RunFolder, Config], dict[str, float]]
@@ -35,7 +36,7 @@ def walk(config: Config, extra: ExtraFigures | None = None) -> dict[str, Any]:
 
     with tempfile.TemporaryDirectory() as place:
         out = Path(place) / "live"
-        simulate.simulate(config, out, False, lambda text: None, report=False)
+        simulate.simulate(config, out, False, silent, report=False)
         folder = RunFolder.open(out)
         metrics = evaluate(folder)
         return metrics if extra is None else metrics | extra(folder, config)
@@ -58,12 +59,26 @@ def walk_figures(found: Sequence[dict[str, Any]]) -> dict[str, float]:
         "contact_free_share": float(np.mean(all_of("contacts") == 0)),
         "falls": total_falls(found),
         "arrived_share": float(np.mean(all_of("goals_missed") == 0)),
-        "position_rmse_m": float(np.sqrt(np.mean(all_of("position_rmse_m") ** 2))),
-        "heading_rmse_deg": float(np.sqrt(np.mean(all_of("heading_rmse_deg") ** 2))),
+        "position_rmse_m": rms(all_of("position_rmse_m")),
+        "heading_rmse_deg": rms(all_of("heading_rmse_deg")),
         "anees_pose": float(np.mean(all_of("pose_anees"))),
         "min_clearance_mm": 1e3 * float(np.min(all_of("min_clearance_m"))),
         "time_s_mean": float(np.mean(all_of("duration_s"))),
     }
+
+
+ROW = "contacts  clearance  missed  fell  rmse cm   deg   NEES  time s"
+
+
+def row(metrics: dict[str, Any]) -> str:
+    """The metrics of a walk to goals, in the columns of `ROW`."""
+    return (
+        f"{metrics.get('contacts', -1):8.0f}  {1e3 * metrics.get('min_clearance_m', np.nan):6.0f} mm"
+        f"  {metrics.get('goals_missed', -1):6.0f}  {metrics.get('falls', -1):4.0f}"
+        f"  {100 * metrics.get('position_rmse_m', np.nan):7.2f}"
+        f"  {metrics.get('heading_rmse_deg', np.nan):4.2f}"
+        f"  {metrics.get('pose_anees', np.nan):5.2f}  {metrics.get('duration_s', np.nan):6.1f}"
+    )
 
 
 def falls_and_contacts(folder: RunFolder, config: Config) -> dict[str, float]:

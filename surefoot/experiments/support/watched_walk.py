@@ -27,14 +27,13 @@ from perception.primitives.obstacle import Obstacle
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose2, Pose3
 from sim.robot import SimulatedRobot
-from sim.scenes import catalogue
 from sim.sensors.tof_camera import TofConfig
 from sim.truth import FIRST_STATIC_ID, ObstacleTruth, Truth
 from sim.world import World
 
 from ...config.schema import Config
 from ...run.pipeline import Pipeline
-from ...run.simulate import known_beforehand, true_start
+from ...run.simulate import known_beforehand, scene_of, true_start
 from ..joint.localisation_walk import RouteFollower
 from .tag_sensor import TagNoise, TagSensor
 
@@ -123,9 +122,7 @@ def watched_walk(config: Config, seconds: float) -> Iterator[WatchedInstant]:
     tof = TofConfig(sub_rays=1)
     blind = replace(config.robot, stereo=False, colour=False, tof_camera=tof)
     config = replace(config, robot=blind)
-    scene = catalogue.load(
-        config.scene, config.seed, config.difficulty, config.movers, config.robot.walker
-    )
+    scene = scene_of(config)
     placed = replace(scene, start=true_start(scene, config))
     tags = TagSensor(scene, TagNoise(), config.landmarks, np.random.default_rng([config.seed, 50]))
     with (

@@ -21,6 +21,7 @@ from typing import Any
 from ...results.moment import Moment
 from ...results.moments import ESTIMATES, read_moments
 from ...results.run_folder import MAP, MONOCULAR, PANORAMA, SIMULATION, RunFolder
+from ...words import count_of
 from .columns import columns, gaze_maps, grids, packed
 from .figures import figures
 from .gathering import Gathered, Strip, gather
@@ -167,10 +168,8 @@ def _subtitle(found: Gathered, kind: str) -> str:
     seconds = found.moments[-1].stamp_s - found.moments[0].stamp_s
     named = {SIMULATION: "simulated walk"}.get(kind, "processed recording")
     shown = _SHOWN.get(kind, f"What this {named} knew at each moment, over the map of its end")
-    count = len(found.moments)
-    if kind in NUMBERED:
-        return f"{shown}: {count} {NUMBERED[kind]}s."
-    return f"{shown}: {count} moments in {seconds:.1f} s."
+    told = count_of(len(found.moments), NUMBERED.get(kind, "moment"))
+    return f"{shown}: {told}." if kind in NUMBERED else f"{shown}: {told} in {seconds:.1f} s."
 
 
 def _missing(found: Gathered, kind: str) -> str:

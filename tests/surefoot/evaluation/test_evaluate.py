@@ -17,6 +17,7 @@ from perception.primitives.errors import InputError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 from surefoot.evaluation.evaluate import evaluate
+from surefoot.evaluation.metrics.averages import rms
 from surefoot.evaluation.metrics.consistency import (
     calibration_error,
     consistency_metrics,
@@ -47,7 +48,6 @@ from surefoot.evaluation.metrics.trajectory import (
     pairs_apart,
     pick,
     relative_errors,
-    rms,
     trajectory_metrics,
 )
 from surefoot.evaluation.targets import TARGETS, closing_table, verdicts

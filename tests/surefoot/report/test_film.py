@@ -95,7 +95,13 @@ def test_surfaces_are_drawn_where_they_are_with_red_sides_where_they_drop(tmp_pa
 
 def test_a_run_that_stands_nowhere_is_refused(tmp_path):
     run = run_of(tmp_path, [Moment(0.0), Moment(1.0)])
-    with pytest.raises(InputError, match="a film needs a walk"):
+    with pytest.raises(InputError, match="0 moments with a pose; a film needs a walk"):
+        film(run, tmp_path / "walk.webp")
+
+
+def test_a_run_that_ended_in_its_first_moment_is_refused_with_what_to_do(tmp_path):
+    run = run_of(tmp_path, [moment(0, 2)])
+    with pytest.raises(InputError, match=r"1 moment with a pose.*process --resume"):
         film(run, tmp_path / "walk.webp")
 
 

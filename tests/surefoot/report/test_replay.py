@@ -504,6 +504,16 @@ def test_a_killed_run_is_replayed_as_far_as_it_was_written(tmp_path):
     assert 10 <= int(found.group(1)) <= 20
 
 
+def test_one_moment_is_one_moment(tmp_path):
+    made = RunFolder.create(tmp_path / "short")
+    writer = MomentWriter(made)
+    writer.write(moments(1)[0])
+    writer.close(())
+    shown = page.write_replay(made)
+    assert shown is not None
+    assert ": 1 moment in 0.0 s." in shown.read_text()
+
+
 def test_numbers_that_are_not_finite_are_left_out(tmp_path):
     strange = moments(4)
     lost = Gaussian(np.array([0.0, 0.0, 0.0]), np.diag([np.inf, np.inf, np.inf]))
