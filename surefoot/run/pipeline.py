@@ -93,7 +93,7 @@ class Pipeline:
         views = []
         for sensor, depth in self.depth_sources.images(frame, watch.stage):
             with watch.stage("floor"):
-                view = self._segment(sensor, depth)
+                view = self.segment(sensor, depth)
             if view is not None:
                 views.append(view)
         with watch.stage("register"):
@@ -109,9 +109,7 @@ class Pipeline:
                     frame.colour, _pose2(pose), frame.stamp_s, frame.imu
                 )
         with watch.stage("obstacles"):
-            found, detections = self._cluster(views, pose)
-            placed = [d for d, one in zip(detections, found, strict=True) if one.placed]
-            cut = [d for d, one in zip(detections, found, strict=True) if not one.placed]
+            found, placed, cut = self.cluster(views, pose)
             if pose is not None:
                 sight = Sight(views)
                 visible = sight.visible
@@ -191,7 +189,7 @@ class Pipeline:
         lost = self.config.depth_health.fall_back and not self.health.healthy
         return self.config.mission.planner == "swarm" or lost
 
-    def _segment(self, sensor: str, depth: Depth) -> SegmentedView | None:
+    def segment(self, sensor: str, depth: Depth) -> SegmentedView | None:
         """Points, floor and classes of one depth image; None if the floor is neither visible nor expected."""
         reach = self.config.reach.of(sensor, depth)
         cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
@@ -247,12 +245,16 @@ class Pipeline:
             for view in views
         ], report
 
-    def _cluster(
+    def cluster(
         self, views: Sequence[SegmentedView], pose: Gaussian | None
-    ) -> tuple[list[Cluster], list[Detection]]:
-        """Clusters of the obstacle points of all views, and each as a detection, body frame."""
+    ) -> tuple[list[Cluster], list[Detection], list[Detection]]:
+        """Clusters of the obstacle points of all views, body frame.
+
+        Returns:
+            The clusters; those with a known centre as detections; and the others, which a border of the image cuts.
+        """
         if not views:
-            return [], []
+            return [], [], []
         T_body_map = (Pose2() if pose is None else _pose2(pose)).inverse().lifted()
         rising = [view.rising for view in views]
         obstacle_points = np.concatenate(
@@ -291,12 +293,12 @@ class Pipeline:
         )
         found = legs.joined(found)
         points_in_body = np.concatenate(in_space)
-        return found, [
-            Detection(
-                one.centre, one.covariance, one.radius_m, one.height_m, points_in_body[one.surface]
-            )
-            for one in found
-        ]
+        placed, cut_off = list[Detection](), list[Detection]()
+        for one in found:
+            surface = points_in_body[one.surface]
+            seen = Detection(one.centre, one.covariance, one.radius_m, one.height_m, surface)
+            (placed if one.placed else cut_off).append(seen)
+        return found, placed, cut_off
 
     def _detections(
         self, placed: list[Detection], frame: Frame, floor: ColourFloor | None

@@ -183,7 +183,8 @@ class TrackerTrial:
         stamp = instant.frame.stamp_s
         views = [at_pose(view, pose) for view in instant.views]
         true_views = [at_pose(v, Gaussian(instant.pose.vector, np.eye(3))) for v in instant.views]
-        self._tracker.update(stamp, instant.detections, pose, Sight(views).visible)
+        sight = Sight(views)
+        self._tracker.update(stamp, instant.detections, pose, sight.visible, instant.cut, sight)
         tracks = self._tracker.obstacles
         for obstacle in instant.moving:
             track = self._track_of(
@@ -260,7 +261,7 @@ def blackout(begin_s: float, seconds: float) -> Fault:
 
     def fault(instant: WalkInstant) -> WalkInstant:
         dark = begin_s <= instant.frame.stamp_s < begin_s + seconds
-        return replace(instant, sightings=[], views=(), detections=[]) if dark else instant
+        return replace(instant, sightings=[], views=(), detections=[], cut=[]) if dark else instant
 
     return fault
 

@@ -16,12 +16,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from perception.depth import points, time_of_flight
-from perception.floor import choose, classify
-from perception.floor.levelling import level
-from perception.floor.prior import kinematic_prior
-from perception.floor.segmented_view import SegmentedView, lowermost, truncated, uppermost
-from perception.obstacles.clustering import cluster
+from perception.floor.segmented_view import SegmentedView
 from perception.obstacles.track import Detection
 from perception.primitives.frame import Frame
 from perception.primitives.landmark import Sighting
@@ -40,6 +35,8 @@ from sim.truth import FIRST_STATIC_ID, ObstacleTruth, Truth
 from sim.world import World
 
 from ...config.schema import Config
+from ...run.pipeline import Pipeline
+from ...run.simulate import known_beforehand
 from ..support.tag_sensor import TagNoise, TagSensor
 
 Noisy = TypeVar("Noisy", SlipConfig, SwayConfig, ImuConfig, HeadConfig, TofConfig, TagNoise)
@@ -64,7 +61,8 @@ class WalkInstant:
         frame: Odometry and inertial sensor, without images.
         sightings: Sightings of tags.
         views: Segmented depth image, body frame.
-        detections: Detections of completely visible objects, body frame.
+        detections: Detections of objects with a known centre, body frame.
+        cut: Detections of objects that a border of the image cuts, body frame.
         pose: True pose.
         moving: True moving obstacles: identity, x, y, vx, vy, radius, height.
         fell: Whether the robot fell, which ends the walk.
@@ -74,6 +72,7 @@ class WalkInstant:
     sightings: list[Sighting]
     views: tuple[SegmentedView, ...]
     detections: list[Detection]
+    cut: list[Detection]
     pose: Pose2
     moving: list[ObstacleTruth]
     fell: bool = False
@@ -97,6 +96,8 @@ def walk(
         truth = Truth(body)
         tags = TagSensor(scene, tag_noise, config.landmarks, rng)
         guide = RouteFollower(scene)
+        # never told of motion: its map stays the body frame
+        pipeline = Pipeline(config, replace(known_beforehand(scene, body, config), start=Pose2()))
         walked, before = 0.0, truth.robot_pose()
         for _ in range(MAX_FRAMES):
             frame = body.read()
@@ -104,7 +105,7 @@ def walk(
             moving = [one for one in truth.obstacles() if one[0] < FIRST_STATIC_ID]
             if body.fallen:  # images of a fallen robot are not used
                 blind = replace(frame, tof=None, colour=None, stereo=None)
-                yield WalkInstant(blind, [], (), [], pose, moving, fell=True)
+                yield WalkInstant(blind, [], (), [], [], pose, moving, fell=True)
                 return
             assert frame.tof is not None
             assert frame.tof.T_body_camera is not None
@@ -113,9 +114,14 @@ def walk(
                 image = body.config.colour_camera
                 true = body.camera_in_world(image.mount_m)
                 sightings = tags.look(world.rays, image, true, frame.tof.T_body_camera)
-            views, detections = segment_frame(frame, config, rng)
+            views = tuple(
+                view
+                for sensor, depth in pipeline.depth_sources.images(frame)
+                if (view := pipeline.segment(sensor, depth)) is not None
+            )
+            _, detections, cut = pipeline.cluster(views, None)
             blind = replace(frame, tof=None, colour=None, stereo=None)
-            yield WalkInstant(blind, sightings, views, detections, pose, moving)
+            yield WalkInstant(blind, sightings, views, detections, cut, pose, moving)
             walked += math.hypot(pose.x - before.x, pose.y - before.y)
             before = pose
             if walked >= length_m:
@@ -143,47 +149,6 @@ def scaled_noise(robot: RobotConfig, factor: float) -> tuple[RobotConfig, TagNoi
 def _times(config: Noisy, factor: float, *names: str) -> Noisy:
     """The same configuration with these numbers times a factor."""
     return replace(config, **{name: factor * getattr(config, name) for name in names})
-
-
-def segment_frame(
-    frame: Frame, config: Config, rng: np.random.Generator
-) -> tuple[tuple[SegmentedView, ...], list[Detection]]:
-    """Segment the depth image in the body frame: floor, obstacles, and detections with a known centre."""
-    assert frame.tof is not None
-    depth = time_of_flight.depth(frame.tof, config.tof)
-    assert depth.T_body_camera is not None
-    reach = config.reach.tof
-    cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
-    prior = config.prior
-    expected = kinematic_prior(
-        depth.T_body_camera, math.radians(prior.joints_tilt_deg), prior.joints_height_m
-    )
-    found = choose.find(cloud, expected, rng, config.floor)
-    plane = expected if found is None else found.plane
-    T_body_camera = level(depth.T_body_camera, plane)
-    upright = T_body_camera.apply(cloud.xyz)
-    upright[:, 2] = plane.distance(cloud.xyz)
-    classes = classify.classify(cloud, plane, config.classes)
-    share = None if found is None else found.share
-    view = SegmentedView("tof", depth, cloud, classes, plane, share, T_body_camera, upright)
-    rising = view.rising
-    clusters = cluster(
-        upright[rising],
-        cloud.sigma[rising],
-        T_body_camera.position[:2],
-        config.clusters,
-        truncated(view, cloud.of(rising), reach),
-        uppermost=uppermost(view, cloud.of(rising)),
-        lowermost=lowermost(view, cloud.of(rising), reach),
-        sensor_height_m=plane.offset_m,
-        pitch_rad=reach.stride / depth.camera.fy,
-        top_m=config.classes.top_m,
-    )
-    return (view,), [
-        Detection(one.centre, one.covariance, one.radius_m, one.height_m)
-        for one in clusters
-        if one.placed
-    ]
 
 
 class RouteFollower:

@@ -117,7 +117,7 @@ def instant_at(stamp_s: float, turn_rad: float = 0.1) -> WalkInstant:
     )
     seen = [Sighting(k, np.array([2.0, 0.1]), np.eye(2) * 1e-4) for k in range(4)]
     pose = Pose2(0.02 * stamp_s / 0.5, 0.0, 0.0)
-    return WalkInstant(frame, seen, (), [], pose, [])
+    return WalkInstant(frame, seen, (), [], [], pose, [])
 
 
 def test_a_jump_of_odometry_happens_once() -> None:
