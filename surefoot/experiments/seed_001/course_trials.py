@@ -97,7 +97,7 @@ def figures(walks: Sequence[CourseWalk], suffix: str = "") -> dict[str, float]:
         "time_s_mean": float(np.mean([one.time_s for one in walks])),
         "min_clearance_mm": 1e3 * min(one.clearance_m for one in walks),
         "turning_deg_mean": float(np.degrees(np.mean([one.turning_rad for one in walks]))),
-        "position_rmse_mm": 1e3 * rms(off[:, :2]),
+        "position_rmse_mm": 1e3 * rms(np.linalg.norm(off[:, :2], axis=1)),
         "heading_rmse_deg": float(np.degrees(np.sqrt(np.mean(off[:, 2] ** 2)))),
         "cycle_ms_p99": float(np.percentile([t for w in walks for t in w.cycle_ms], 99)),
         "decision_ms_p99": float(np.percentile([t for w in walks for t in w.decision_ms], 99)),
