@@ -45,7 +45,7 @@ def test_the_search_ends_where_a_fit_leaves_its_columns(monkeypatch):
         calls += 1
         assert calls <= len(columns), "the same columns are tried again and again"
         run = np.flatnonzero(usable[1])[:6]
-        return run, candidate[0], candidate[1] + 1.0, True
+        return run, candidate[0], candidate[1] + 1.0
 
     monkeypatch.setattr(faces, "_refined", moved_away)
     monkeypatch.setattr(faces, "_same", lambda *face: True)  # one that is there already
@@ -65,7 +65,9 @@ def seen_box(length_m, width_m, tops, turn, middle, noise_m=0.004) -> tuple[Colu
     y = np.where(y > width_m - step, width_m - wall_m, y)
     n, c, s = len(x), math.cos(turn), math.sin(turn)
     turned = np.array([[c, -s], [s, c]])
-    place = np.column_stack([x, y]) + np.where(upright, noise_m, 0.0)[:, None] * rng.standard_normal((n, 2))
+    place = np.column_stack([x, y]) + np.where(upright, noise_m, 0.0)[
+        :, None
+    ] * rng.standard_normal((n, 2))
     top = np.array(tops)[(len(tops) * x / length_m).astype(int)]
     top -= 0.3 * ((x < length_m - 0.25) & (y < width_m - 0.25))  # a rim: behind it the top is lower
     columns = Columns(
@@ -111,11 +113,14 @@ def test_without_a_sensor_the_border_is_seen_from_outside():
     known = {name: getattr(columns, name) for name in Columns.__dataclass_fields__}
     everywhere = np.ones(len(columns), dtype=bool)
     found = faces.find(
-        Columns(**known | {"sensor": np.full((len(columns), 2), np.nan), "upright": everywhere}), 0.08
+        Columns(**known | {"sensor": np.full((len(columns), 2), np.nan), "upright": everywhere}),
+        0.08,
     )
     sides = [turned[:, 1], -turned[:, 1], turned[:, 0], -turned[:, 0]]
     assert len(found) == 4
-    for normal, length_m, half_m in zip(sides, (0.8, 0.8, 0.6, 0.6), (0.3, 0.3, 0.4, 0.4), strict=True):
+    for normal, length_m, half_m in zip(
+        sides, (0.8, 0.8, 0.6, 0.6), (0.3, 0.3, 0.4, 0.4), strict=True
+    ):
         (face,) = [one for one in found if one.normal @ normal > 0.99]
         assert face.length_m == pytest.approx(length_m, abs=0.07)
         assert face.normal @ (turned @ [0.4, 0.3] + [2.0, -1.0]) == pytest.approx(

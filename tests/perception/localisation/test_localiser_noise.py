@@ -24,7 +24,10 @@ def parts(Q):
 @pytest.mark.parametrize("dt", [0.05, 0.65])
 def test_the_noise_of_two_intervals_is_that_of_one_as_long_as_both(steps, dt):
     """A random walk: the variance is proportional to the steps, to the time while the robot stands, or to both."""
-    one, both = process_noise(CONFIG, 0.4, steps, dt, None), process_noise(CONFIG, 0.4, 2 * steps, 2 * dt, None)
+    one, both = (
+        process_noise(CONFIG, 0.4, steps, dt, None),
+        process_noise(CONFIG, 0.4, 2 * steps, 2 * dt, None),
+    )
     np.testing.assert_allclose(parts(both), 2.0 * parts(one), rtol=1e-12)
     assert (np.linalg.eigvalsh(one + 1e-20 * np.eye(10)) > -1e-18).all()
 
@@ -43,7 +46,10 @@ def test_without_odometry_the_deviation_grows_with_the_time():
 @pytest.mark.parametrize("yaw", [0.0, 0.7, -2.0, math.pi])
 def test_a_step_slips_along_and_across_its_heading(yaw):
     Q = process_noise(CONFIG, yaw, 4.0, 2.0, None)
-    ahead, left = np.array([math.cos(yaw), math.sin(yaw)]), np.array([-math.sin(yaw), math.cos(yaw)])
+    ahead, left = (
+        np.array([math.cos(yaw), math.sin(yaw)]),
+        np.array([-math.sin(yaw), math.cos(yaw)]),
+    )
     assert ahead @ Q[:2, :2] @ ahead == pytest.approx(4.0 * CONFIG.step_x_sigma_m**2)
     assert left @ Q[:2, :2] @ left == pytest.approx(4.0 * CONFIG.step_y_sigma_m**2)
     assert ahead @ Q[:2, :2] @ left == pytest.approx(0.0, abs=1e-18)
@@ -52,8 +58,15 @@ def test_a_step_slips_along_and_across_its_heading(yaw):
 
 
 def test_a_robot_that_stands_drifts_less_than_one_that_walks():
-    stands, walks = process_noise(CONFIG, 0.0, 0.0, 2.0, None), process_noise(CONFIG, 0.0, 3.0, 2.0, None)
-    for entry, sigma in ((0, CONFIG.still_sigma_m), (1, CONFIG.still_sigma_m), (YAW, CONFIG.still_sigma_rad)):
+    stands, walks = (
+        process_noise(CONFIG, 0.0, 0.0, 2.0, None),
+        process_noise(CONFIG, 0.0, 3.0, 2.0, None),
+    )
+    for entry, sigma in (
+        (0, CONFIG.still_sigma_m),
+        (1, CONFIG.still_sigma_m),
+        (YAW, CONFIG.still_sigma_rad),
+    ):
         assert stands[entry, entry] == pytest.approx(2.0 * sigma**2)
         assert stands[entry, entry] < walks[entry, entry]
     for entry in (SLIP, LATERAL_SLIP, DRIFT):  # of the steps only

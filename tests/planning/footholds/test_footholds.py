@@ -169,7 +169,20 @@ def test_a_plan_costs_its_way_on_the_ground_and_a_share_for_each_step_turn_rise_
     start = np.array([0.0, -h, 0.3, 0.0, -1.0, -1.0])
     goal = np.array([1.4, 0.1, 0.1])
     nodes, moves, last, _, _ = search(
-        sides, planes, start, goal, body, limits, costs, SLIPPING.variances, risk, 9.0, 140, price, blocked, grid
+        sides,
+        planes,
+        start,
+        goal,
+        body,
+        limits,
+        costs,
+        SLIPPING.variances,
+        risk,
+        9.0,
+        140,
+        price,
+        blocked,
+        grid,
     )
     path = [last]
     while path[-1] > 0:

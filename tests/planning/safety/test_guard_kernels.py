@@ -101,7 +101,9 @@ def test_every_plan_is_walked_step_by_step_within_the_limits_of_the_gait(turned)
     np.testing.assert_allclose(places[:, ::2, 2], places[:, 1::2, 2])
     steps = np.stack([forward, left, turn], axis=-1)
     np.testing.assert_allclose(steps[:3, 0], 3 * [[0.05, 0.01, 0.1]], atol=1e-12)
-    np.testing.assert_allclose(steps[2, 1], steps[2, 0], atol=1e-12)  # the third plan makes it twice
+    np.testing.assert_allclose(
+        steps[2, 1], steps[2, 0], atol=1e-12
+    )  # the third plan makes it twice
     assert np.abs(steps[1, 1:]).max() == np.abs(steps[2, 2:]).max() == 0.0  # then these two stand
     bearing = np.arctan2(*(target - ends[0, 1, :2])[::-1])  # and the first one turns to the target
     error = np.angle(np.exp(1j * (bearing - ends[0, 1, 2])))
