@@ -91,14 +91,13 @@ def find(columns: Columns, gap_m: float) -> list[Face]:
         candidate = _strongest(columns.xy, towards, strength, left)
         if candidate is None:
             break
-        run, normal, offset, straight = _refined(
-            columns, towards, (upright, left), candidate, gap_m
-        )
-        if not straight:
+        refined = _refined(columns, towards, (upright, left), candidate, gap_m)
+        if refined is None:
             off = np.abs(columns.xy @ candidate[0] - candidate[1])
             line = left & (off <= CELL_M / 2)
             left &= ~line if line.any() else off > 2.0 * CELL_M  # not on a face
             continue
+        run, normal, offset = refined
         along = columns.xy @ np.array([-normal[1], normal[0]])
         span = float(along[run].min()), float(along[run].max())
         off = columns.xy @ normal - offset
@@ -142,29 +141,28 @@ def _refined(
     usable: tuple[Bool[np.ndarray, "n"], Bool[np.ndarray, "n"]],
     candidate: tuple[Float[np.ndarray, "2"], float],
     gap_m: float,
-) -> tuple[Int[np.ndarray, "k"], Float[np.ndarray, "2"], float, bool]:
-    """The densest run of columns along a line, the line through it, and whether it is long and straight.
+) -> tuple[Int[np.ndarray, "k"], Float[np.ndarray, "2"], float] | None:
+    """The densest run of columns along a line, and the line through it; None unless it is long and straight.
 
     Usable are upright columns; those that are left are on no face yet.
     """
     (upright, left), (normal, offset) = usable, candidate
-    run = np.flatnonzero(left & (np.abs(columns.xy @ normal - offset) <= BAND_M))
     for band in (2.0 * BAND_M, 1.5 * BAND_M, BAND_M):
         reach = np.where(left, band, BAND_M)  # at a corner it may share the columns of another face
         near = upright & (np.abs(columns.xy @ normal - offset) <= reach)
         near &= towards @ normal > OBLIQUE
         if not (near & left).any():
-            return run, normal, offset, False
+            return None
         run = _longest_run(columns, np.flatnonzero(near), left, normal, gap_m)
         if left[run].sum() * CELL_M < LEAST_M / 2:
-            return run, normal, offset, False
+            return None
         weight = columns.weight[run]
         middle = np.average(columns.xy[run], axis=0, weights=weight)
         spread = columns.xy[run] - middle
         moment = (spread * weight[:, None]).T @ spread
         values, vectors = np.linalg.eigh(moment)
         if values[1] < 4.0 * values[0]:  # no direction
-            return run, normal, offset, False
+            return None
         turned = vectors[:, 0]
         normal = turned if turned @ normal > 0.0 else -turned
         offset = float(normal @ middle)
@@ -172,7 +170,7 @@ def _refined(
     length = float(along.max() - along.min())
     strips = np.unique(np.floor(along / CELL_M)).size
     straight = length >= LEAST_M and strips * CELL_M >= LEAST_FILL * length
-    return run, normal, offset, straight
+    return (run, normal, offset) if straight else None
 
 
 def _longest_run(

@@ -55,6 +55,21 @@ def test_the_method_printed_is_the_flow_chart(look):
     assert chosen.plane.offset_m == itself.plane.offset_m
 
 
+def test_of_an_empty_floor_it_is_the_least_squares_plane_in_inverse_depth(look):
+    """With r = p / Z, a plane n.p + h = 0 is linear in inverse depth: (n / h).r = -1 / Z. Peer: NumPy's linear solver."""
+    for seed in range(5):
+        room = look(seed, pitch_deg=35.0, noise=2.0)
+        prior = kinematic_prior(room.T_body_camera, np.radians(1.2), 0.01)
+        found = flow_chart.find(room.points, prior, np.random.default_rng(seed)).plane
+        xyz = room.points.xyz
+        xyz = xyz[(xyz[:, 2] < 3.0) & (np.abs(room.floor.distance(xyz)) < 0.06)]
+        z = xyz[:, 2]
+        slant = np.linalg.lstsq(xyz / z[:, None], -1.0 / z, rcond=None)[0]
+        best = Plane(slant / np.linalg.norm(slant), 1.0 / np.linalg.norm(slant))
+        assert np.degrees(found.angle_to(best)) < 0.01
+        assert abs(found.offset_m - best.offset_m) < 1e-4
+
+
 @pytest.mark.parametrize("boxes", [(), CRATES])
 def test_its_covariance_covers_noise_and_the_feet_of_crates(look, boxes):
     squares = []

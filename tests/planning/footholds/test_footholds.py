@@ -14,7 +14,8 @@ from mapping.ground.surface import Border, Surface
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import RobotModel, StepLimits
-from planning.footholds.foothold import FootNoise, chances
+from planning.footholds._search_kernels import search
+from planning.footholds.foothold import FootNoise, chances, packed
 from planning.footholds.search import NODES, FootholdConfig, PlanEnd, Stance, plan
 from planning.planners.foothold_planner import THOROUGH
 from planning.search.path import Terrain
@@ -154,6 +155,57 @@ def test_stairs_are_walked_within_the_limits_of_the_robot(riser_m, tread_m):
         assert lands.vector == pytest.approx(step.pose.vector, abs=1e-9)
         before, foot, pose = step.height_m, step.foot, step.pose
     assert before == pytest.approx(4 * riser_m)
+
+
+@pytest.mark.parametrize("riser_m", [0.12, -0.09])
+def test_a_plan_costs_its_way_on_the_ground_and_a_share_for_each_step_turn_rise_and_chance(riser_m):
+    """The sum over its footsteps, from where they lead: no share is lost, doubled, or of the other sign."""
+    sides, planes = packed(flight(riser_m, 0.28, 3))
+    price = np.linspace(1.0, 2.0, 60 * 40).reshape(40, 60)  # of ground beside something
+    blocked, grid = np.zeros((40, 60), np.bool_), np.array([-1.0, -2.0, 0.1])
+    h, limits = 0.1, np.array([0.065, 0.02, 0.02, 0.25, 0.14, 0.10, 0.30, 0.27, 0.087])
+    costs, risk = np.array([0.03, 0.07, 0.9, 1.7, 0.2]), 0.01
+    body = np.array([0.1025, 0.033, h, 0.15])
+    start = np.array([0.0, -h, 0.3, 0.0, -1.0, -1.0])
+    goal = np.array([1.4, 0.1, 0.1])
+    nodes, moves, last, _, _ = search(
+        sides,
+        planes,
+        start,
+        goal,
+        body,
+        limits,
+        costs,
+        SLIPPING.variances,
+        risk,
+        9.0,
+        140,
+        price,
+        blocked,
+        grid,
+    )
+    path = [last]
+    while path[-1] > 0:
+        path.append(int(nodes[path[-1], 9]))
+    found = nodes[path[::-1]]
+    middles = found[:, :2] + h * found[:, 5:6] * np.column_stack(
+        [np.sin(found[:, 2]), -np.cos(found[:, 2])]
+    )
+    assert len(found) > 4
+    assert abs(found[-1, 3]) > 0.5 * abs(riser_m)  # it takes stairs
+    expected = 0.0
+    for before, after, a, b in zip(found, found[1:], middles, middles[1:], strict=False):
+        column, row = np.floor((b - grid[:2]) / grid[2]).astype(int)
+        rise = after[3] - before[3]
+        expected += price[row, column] * np.hypot(*(b - a)) + costs[0]
+        expected += costs[1] * abs(after[2] - before[2])
+        expected += costs[2] * rise if rise > 0.0 else -costs[3] * rise
+        expected += costs[4] * (after[7] + after[8]) / risk
+        assert after[6] == pytest.approx(expected, abs=1e-9)
+    assert found[:, 5].tolist() == [(-1.0) ** (k + 1) for k in range(len(found))]  # feet take turns
+    turns = np.diff(found[:, 2])
+    np.testing.assert_allclose(moves[path[-2::-1], 2], turns, atol=1e-12)
+    assert np.abs(turns).max() <= limits[3] + 1e-12
 
 
 @pytest.mark.parametrize(("riser_m", "tread_m"), [(0.16, 0.28), (-0.12, 0.28), (0.10, 0.215)])

@@ -76,3 +76,37 @@ def test_the_first_step_of_every_plan_respects_the_limits():
         assert -0.0196 <= command.forward_m <= 0.0651
         assert abs(command.lateral_m) <= 0.0196
         assert abs(command.turn_rad) <= math.radians(14) + 1e-12
+
+
+@pytest.mark.parametrize("turned", [0.0, 2.0])
+def test_every_plan_is_walked_step_by_step_within_the_limits_of_the_gait(turned):
+    """A pose after each step is the one before it moved by a step that the gait allows; all of it, not the first only."""
+    robot, target = Gaussian(np.array([0.3, -0.2, turned]), np.eye(3) * 1e-6), np.array([0.4, 0.5])
+    plans = np.concatenate(
+        [_desired_plans(WalkCommand(0.05, 0.01, 0.1), GAIT), _fixed_plans(CONFIG.steps, GAIT)]
+    )
+    places = scene_of(robot, [], np.zeros((0, 2)), target).walked(plans)
+    assert places.shape == (len(plans), 2 * CONFIG.steps, 3)
+    ends = np.concatenate([np.tile(robot.mean, (len(plans), 1, 1)), places[:, 1::2]], axis=1)
+    moved, yaw = np.diff(ends[..., :2], axis=1), ends[:, :-1, 2]
+    forward = np.cos(yaw) * moved[..., 0] + np.sin(yaw) * moved[..., 1]
+    left = np.cos(yaw) * moved[..., 1] - np.sin(yaw) * moved[..., 0]
+    turn = np.angle(np.exp(1j * np.diff(ends[..., 2], axis=1)))
+    step = GAIT.step_s
+    assert -GAIT.max_back_mps * step - 1e-9 <= forward.min()
+    assert forward.max() <= GAIT.max_speed_mps * step + 1e-9
+    assert np.abs(left).max() <= GAIT.max_side_mps * step + 1e-9
+    assert np.abs(turn).max() <= GAIT.max_turn_rad + 1e-9
+    np.testing.assert_allclose(places[:, ::2, :2], ends[:, :-1, :2] + moved / 2.0, atol=1e-12)
+    np.testing.assert_allclose(places[:, ::2, 2], places[:, 1::2, 2])
+    steps = np.stack([forward, left, turn], axis=-1)
+    np.testing.assert_allclose(steps[:3, 0], 3 * [[0.05, 0.01, 0.1]], atol=1e-12)
+    np.testing.assert_allclose(
+        steps[2, 1], steps[2, 0], atol=1e-12
+    )  # the third plan makes it twice
+    assert np.abs(steps[1, 1:]).max() == np.abs(steps[2, 2:]).max() == 0.0  # then these two stand
+    bearing = np.arctan2(*(target - ends[0, 1, :2])[::-1])  # and the first one turns to the target
+    error = np.angle(np.exp(1j * (bearing - ends[0, 1, 2])))
+    assert turn[0, 1] == pytest.approx(np.clip(error, -GAIT.max_turn_rad, GAIT.max_turn_rad))
+    pursues, stays = np.hypot(*(ends[:2, -1, :2] - target).T)
+    assert pursues < stays - 0.1

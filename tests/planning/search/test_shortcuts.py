@@ -28,6 +28,22 @@ def test_a_segment_through_a_slope_costs_the_price_of_its_middle():
     assert cost == pytest.approx(10.0 * 1.7)
 
 
+@pytest.mark.parametrize("turned", range(4))
+def test_between_the_cells_the_price_is_linear_up_to_the_border_of_the_map(turned):
+    """A price that is linear in both directions: the mean over a segment is that of its ends, in any direction."""
+    rows, columns = np.mgrid[:16, :16]
+    price, blocked = 3.0 + 0.11 * columns + 0.07 * rows, np.zeros((16, 16), bool)
+    places = np.array([[0.2, 0.3], [14.9, 6.4], [14.8, 14.9], [0.1, 14.6], [7.3, 0.0]])
+    middle = np.full(2, 7.5)
+    turn = np.linalg.matrix_power(np.array([[0, -1], [1, 0]]), turned)
+    for begin in places:
+        for end in places:
+            ends = (np.stack([begin, end]) - middle) @ turn.T + middle
+            mean = 3.0 + ends.mean(axis=0) @ [0.11, 0.07]
+            length = float(np.hypot(*(end - begin)))
+            assert polyline_cost(ends, price, blocked) == pytest.approx(mean * length)
+
+
 def test_a_segment_into_a_blocked_cell_costs_infinitely_much():
     blocked = np.zeros((20, 20), bool)
     blocked[5, 8] = True
