@@ -200,7 +200,7 @@ def complete(info: RecordingInfo, description: Description | None) -> RecordingI
             f"{description.path}: camera.fy is negative; the poses of this folder ({info.kind}) have y down in the "
             "image, so fy must be positive"
         )
-    beside = _BESIDE_A_LAYOUT
+    beside: tuple[str, ...] = _BESIDE_A_LAYOUT
     if info.kind == "tum" and adds_scale(description):
         beside = (*beside, "depth")
     beyond = [key for key in description.keys if key not in beside]
