@@ -47,7 +47,9 @@ from .g2o import write_g2o
 
 ABOVE_FLOOR_M = 0.03  # ours: lower points below a moving obstacle are floor
 FLOOR_VIEWS = 100  # ours: images in which the floor is sought; more take long and tell no more
-NO_FLOOR = "no image shows the floor: height zero is that of the poses"
+NO_FLOOR = (
+    "no image shows the floor: height zero is that of the given poses, or of the first camera"
+)
 
 
 class PlacedImage(NamedTuple):

@@ -16,7 +16,10 @@ from .tables import Table
 TRACKING = "tracking.csv"
 TRACKING_HEADER = ("stamp_s", "state", "failure_probability", "alarm")
 WITHOUT_POSE = (LOST, RESTARTED)
-ADVICE = "; if its depth is noisier than that of a structured-light camera, take the settings of `surefoot calibrate-noise`"
+ADVICE = (
+    "; odometry needs images that overlap; if they do, and their depth is noisier than that of a structured-light "
+    "camera, take the settings of `surefoot calibrate-noise`"
+)
 SAID_BEND = 0.005  # ours: a smaller bend is within what is claimed
 SAID_SIGMAS = 5.0  # ours: sure enough to ask for a calibration
 
