@@ -42,6 +42,9 @@ SIGMA_PER_BLUR = 0.035  # ours: growth of sigma_d with the ratio of remaining co
 AROUND_PX = 41  # ours: side of the surroundings: voting neighbours reach half as far
 AROUND = 0.3  # ours: mean reliability of the surroundings from which they do not reduce a pixel's
 HOLES_PX = 15  # ours: holes in a reliable region up to this size do not count as its rim
+MOST_VERGENCE_DEG = (
+    2.0  # ours: 20 times that of a pair that was knocked; more is another calibration
+)
 SGBM_SIGMAS = 1.3  # ours: the path costs of SGBM make its sub-pixel part less accurate
 
 
@@ -83,6 +86,12 @@ class StereoConfig:
     sigma_px: float = setting(
         0.12, "px", "sigma_d of a perfect match", "ours: measured; seed 003 has 0.25 for all"
     )
+    vergence_deg: float = setting(
+        0.0,
+        "deg",
+        "angle that the right camera is turned outwards more than the calibration says; its effect is taken out of depth",
+        "none: `surefoot calibrate-noise`",
+    )
 
     def __post_init__(self) -> None:
         for name, known in (
@@ -98,6 +107,10 @@ class StereoConfig:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"stereo: {name}={value} must be positive and finite")
+        if not abs(self.vergence_deg) <= MOST_VERGENCE_DEG:
+            raise ConfigError(
+                f"stereo: vergence_deg={self.vergence_deg} must lie within -{MOST_VERGENCE_DEG} .. {MOST_VERGENCE_DEG}"
+            )
         if self.most_disparity_px < 16:
             raise ConfigError(
                 f"stereo: most_disparity_px={self.most_disparity_px} must be at least 16"
@@ -213,9 +226,13 @@ def depth(view: StereoView, config: StereoConfig | None = None) -> Depth:
 def depth_of(view: StereoView, matched: Disparity, config: StereoConfig) -> Depth:
     """Depth of a pair that is matched already, as `depth` gives it."""
     fB = np.float32(view.camera.fx * view.baseline_m)
+    found = matched.disparity_px
+    if config.vergence_deg:
+        x = view.camera.single_slopes[0]
+        found = found - np.float32(view.camera.fx * math.radians(config.vergence_deg)) * (1 + x * x)
     with np.errstate(invalid="ignore", divide="ignore"):
         reliable = matched.reliability >= np.float32(max(config.least_reliability, 1e-6))
-        z = np.where(reliable, fB / matched.disparity_px, np.float32(np.nan))
+        z = np.where(reliable & (found > 0.0), fB / found, np.float32(np.nan))
         sigma = z * z * matched.sigma_px / fB
     return Depth(z, sigma, view.camera, view.T_body_camera, view.baseline_m)
 

@@ -7,13 +7,18 @@ import numpy as np
 from ..primitives.compiled import njit
 from ._align_kernels import HUBER, STEEPEST, Source, Target
 
-MOTION, SHAPES = 6, 5
-UNKNOWNS = MOTION + SHAPES
+MOTION = 6
+BEND, VERGENCE = 5, 1  # shapes of the error
 
 
 @njit(cache=True, nogil=True)
-def shapes(x: float, y: float, edge: float, into: np.ndarray) -> None:
-    """The five shapes of a bend at the ray slopes x, y."""
+def shapes(x: float, y: float, z: float, edge: float, into: np.ndarray) -> None:
+    """Relative errors of depth at the ray slopes x, y and depth z, m: five of a bend, or that of the vergence."""
+    if (
+        len(into) == VERGENCE
+    ):  # one camera turned about y shifts the image by f (1 + x^2) per radian
+        into[0] = z * (1.0 + x * x)
+        return
     u, v = x / edge, y / edge
     into[0], into[1], into[2], into[3], into[4] = u, v, u * u, u * v, v * v
 
@@ -21,9 +26,9 @@ def shapes(x: float, y: float, edge: float, into: np.ndarray) -> None:
 @njit(cache=True, nogil=True)
 def add(row: np.ndarray, error: float, weight: float, H: np.ndarray, g: np.ndarray) -> None:
     """Add one equation to the upper half of J'WJ and to J'We."""
-    for i in range(UNKNOWNS):
+    for i in range(len(row)):
         weighted = weight * row[i]
-        for j in range(i, UNKNOWNS):
+        for j in range(i, len(row)):
             H[i, j] += weighted * row[j]
         g[i] += weighted * error
 
@@ -35,6 +40,7 @@ def bend_equations(
     T: np.ndarray,
     gate_m: float,
     light: np.ndarray,
+    by_depth: bool,
     H: np.ndarray,
     g: np.ndarray,
 ) -> None:
@@ -45,13 +51,14 @@ def bend_equations(
         T: (4, 4).
         gate_m: Largest distance to the plane.
         light: (standard deviation, mean) of grey differences; a deviation of 0 leaves them out.
-        H, g: (11, 11), upper half, and (11,), of six of the motion and five of the bend.
+        H, g: (6 + k, 6 + k), upper half, and (6 + k,), of six of the motion and k shapes of the error, see `shapes`.
     """
     H[:], g[:] = 0.0, 0.0
     height, width = target.packed.shape[:2]
     fx, fy, cx, cy = target.intrinsics
     edge = width / (2.0 * fx)
-    here, there, row = np.empty(SHAPES), np.empty(SHAPES), np.empty(UNKNOWNS)
+    count = len(g) - MOTION
+    here, there, row = np.empty(count), np.empty(count), np.empty(len(g))
     turned, q = np.empty(3), np.empty(3)
     use_grey = source.grey.shape[0] > 1 and light[0] > 0.0
     for v in range(source.z.shape[0]):
@@ -78,14 +85,15 @@ def bend_equations(
                 or abs(seen - q[2]) > 3.0 * gate_m + 6.0 * noise
             ):
                 continue
-            shapes(source.x[u], source.y[v], edge, here)
-            shapes((iu - cx) / fx, (iv - cy) / fy, edge, there)
+            shapes(source.x[u], source.y[v], z, edge, here)
+            shapes((iu - cx) / fx, (iv - cy) / fy, seen, edge, there)
             along = cell[0] * turned[0] + cell[1] * turned[1] + cell[2] * turned[2]
-            gradient(cell[0], cell[1], cell[2], q, row)
-            for k in range(SHAPES):
-                row[MOTION + k] = offset * there[k] - along * here[k]
-            weight = min(1.0, HUBER * noise / max(abs(residual), 1e-9)) / (noise * noise)
-            add(row, residual, weight, H, g)
+            if by_depth:
+                gradient(cell[0], cell[1], cell[2], q, row)
+                for k in range(count):
+                    row[MOTION + k] = offset * there[k] - along * here[k]
+                weight = min(1.0, HUBER * noise / max(abs(residual), 1e-9)) / (noise * noise)
+                add(row, residual, weight, H, g)
             if not use_grey:
                 continue
             gu, gv = cell[6], cell[7]
@@ -97,7 +105,7 @@ def bend_equations(
             a, b = gu * fx / (light[0] * q[2]), gv * fy / (light[0] * q[2])
             c = -(a * q[0] + b * q[1]) / q[2]
             gradient(a, b, c, q, row)
-            for k in range(SHAPES):
+            for k in range(count):
                 row[MOTION + k] = -(a * turned[0] + b * turned[1] + c * turned[2]) * here[k]
             add(row, error, min(1.0, HUBER / max(abs(error), 1e-9)), H, g)
 

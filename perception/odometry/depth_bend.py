@@ -11,6 +11,7 @@ squares of motion and bend ours.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
@@ -22,6 +23,7 @@ from . import _bend_kernels as kernels
 from .alignment import FINEST_GATE_M, fitted_light
 from .likelihood import COMMON_PX
 from .odometry import TRACKED, Odometry, OdometryConfig, Step
+from .pose_uncertainty import error_transport
 from .pyramid import CompressedImage, Pyramid, build, compress
 
 MOST_IMAGES = 160  # ours: some seconds of a recording
@@ -58,8 +60,8 @@ class BendOfPairs:
         """Begin without images; `level` of the pyramids is used, 0 is the finest."""
         self._level = level
         self._before: tuple[int, Pyramid] | None = None  # the latest reference
-        self._information = np.zeros((kernels.SHAPES, kernels.SHAPES))
-        self._pull = np.zeros(kernels.SHAPES)
+        self._information = np.zeros((kernels.BEND, kernels.BEND))
+        self._pull = np.zeros(kernels.BEND)
         self._size = 0.0
         self.pairs = 0
 
@@ -79,17 +81,17 @@ class BendOfPairs:
             len(before[1].levels), len(image.levels)
         ):
             found = step.aligned
-            ours, its = of_pair(before[1], image, found.motion, found.error, self._level)
-            self._information += ours
-            self._pull += its
+            told = of_pair(before[1], image, found.motion, found.error, self._level)
+            self._information += told.information
+            self._pull += told.pull
             self.pairs += 1
 
     def solve(self, before: Float[np.ndarray, "5"] | None = None) -> MotionBend:
         """The bend by all pairs; `before` of it was taken out of the images already, none if None."""
-        before = np.zeros(kernels.SHAPES) if before is None else before
+        before = np.zeros(kernels.BEND) if before is None else before
         if not self._size > 0.0:
             return MotionBend(Bend(), np.zeros((5, 5)), np.zeros(5, bool), self.pairs)
-        prior = np.eye(kernels.SHAPES) / self._size**2
+        prior = np.eye(kernels.BEND) / self._size**2
         covariance = np.linalg.inv(self._information + prior)
         found = covariance @ (self._information @ before - self._pull)
         known = np.sqrt(np.diag(covariance)) < KNOWN * self._size
@@ -139,25 +141,49 @@ def _straightened(image: Pyramid, bend: Bend) -> Pyramid:
     return Pyramid(tuple(levels), image.floor, image.bend)
 
 
+class OfPair(NamedTuple):
+    """What two images tell of k shapes of a depth error that is fixed to the pixels.
+
+    Args:
+        information: Of the coefficients, the motion eliminated.
+        pull: Its gradient.
+        moved: Change of the motion, (x, y, z, rotation vector) of T_target_source in axes of the target, m and rad, by
+            taking out one unit of each shape.
+    """
+
+    information: Float[np.ndarray, "k k"]
+    pull: Float[np.ndarray, "k"]
+    moved: Float[np.ndarray, "6 k"]
+
+
 def of_pair(
-    target: Pyramid, source: Pyramid, motion: Pose3, error: float, level: int
-) -> tuple[Float[np.ndarray, "5 5"], Float[np.ndarray, "5"]]:
-    """Information and gradient of the bend by one pair of images, their motion eliminated.
+    target: Pyramid,
+    source: Pyramid,
+    motion: Pose3,
+    error: float,
+    level: int,
+    shapes: int = kernels.BEND,
+    by_depth: bool = True,
+) -> OfPair:
+    """Joint equations of the motion between two images and a depth error that both share.
 
     Args:
         target, source: The images.
         motion: T_target_source.
         error: Root mean square distance to the surfaces, in standard deviations.
         level: Of the pyramids.
+        shapes: Those of a bend, or that of the vergence, see `_bend_kernels`.
+        by_depth: False leaves out the distances to surfaces; grey values remain.
     """
     to, of = target.levels[level], source.levels[level]
-    H = np.empty((kernels.UNKNOWNS, kernels.UNKNOWNS))
-    g = np.empty(kernels.UNKNOWNS)
+    m = kernels.MOTION
+    H, g = np.zeros((m + shapes, m + shapes)), np.zeros(m + shapes)
     T = motion.matrix
     light = fitted_light(to, of, T)
-    kernels.bend_equations(of.as_source, to.as_target, T, FINEST_GATE_M, light, H, g)
+    kernels.bend_equations(of.as_source, to.as_target, T, FINEST_GATE_M, light, by_depth, H, g)
     H = np.triu(H) + np.triu(H, 1).T
     common = max(error, 1.0) ** 2 * COMMON_PX * MODEL / 4**level
-    m = kernels.MOTION
-    gain = np.linalg.solve(H[:m, :m] + 1e-3 * np.eye(m), H[:m, m:]).T
-    return (H[m:, m:] - gain @ H[:m, m:]) / common, (g[m:] - gain @ g[:m]) / common
+    moved = -np.linalg.solve(H[:m, :m] + 1e-3 * np.eye(m), H[:m, m:])
+    information = (H[m:, m:] + moved.T @ H[:m, m:]) / common
+    pull = (g[m:] + moved.T @ g[:m]) / common
+    return OfPair(information, pull, error_transport(motion.position) @ moved)

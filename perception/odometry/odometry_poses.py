@@ -85,7 +85,7 @@ class OdometryPoses:
         if step is None or step.state in (LOST, RESTARTED):
             return None
         of_view = self.odometer.view_error.covariance
-        return CameraPose(step.T_start_camera, self._covariance, of_view)
+        return CameraPose(step.T_start_camera, self._covariance + self._common(), of_view)
 
     @property
     def step(self) -> Step | None:
@@ -106,8 +106,12 @@ class OdometryPoses:
             return None
         start = self.odometer.T_world_start
         assert start is not None
-        covariance = turned_covariance(self._covariance + self._view_error(), start.rotation)
-        return planar_gaussian(T, covariance)
+        whole = self._covariance + self._common() + self._view_error()
+        return planar_gaussian(T, turned_covariance(whole, start.rotation))
+
+    def _common(self) -> Float[np.ndarray, "6 6"]:
+        """Covariance of the latest pose by the vergence of a stereo pair, axes of the first image."""
+        return self.odometer.vergence.of_image(-1)
 
     def _view_error(self) -> Float[np.ndarray, "6 6"]:
         """Covariance of the view error of this image relative to the first one, axes of the first one."""

@@ -28,8 +28,11 @@ NO_GREY = np.zeros((1, 1), np.float32)
 
 OFF_FLOOR_SIGMAS = 4.0  # ours: points closer to the floor plane count as floor
 OFF_FLOOR_M = 0.02  # ours: the same, at least
-COMPRESSED_M = 6.5
-"""Depth beyond is dropped by `compress`, whose 16 bit hold tenths of a millimetre."""
+STEP_M = 1e-4  # ours: steps of compressed depth; longer where an image reaches beyond 6.5 m
+SIGMA_STEP = 0.2  # of a step of depth: those of its standard deviation
+VAGUE = (
+    0.25  # ours: compressed images leave out depth whose standard deviation is a larger share of it
+)
 
 
 @dataclass(frozen=True)
@@ -111,7 +114,7 @@ class Pyramid:
 
 @dataclass(frozen=True, eq=False)
 class CompressedImage:
-    """An image in a sixth of its memory: depth in tenths of a millimetre, grey values in 8 bit."""
+    """An image in a sixth of its memory: depth in steps, mostly tenths of a millimetre, and grey values in 8 bit."""
 
     z: UInt16[np.ndarray, "h w"]
     sigma: UInt16[np.ndarray, "h w"]
@@ -120,27 +123,30 @@ class CompressedImage:
     floor: Plane | None
     bend: float
     levels: int
+    step_m: float
 
     def pyramid(self) -> Pyramid:
         """The decompressed image pyramid."""
-        z = self.z.astype(np.float32) * np.float32(1e-4)
+        z = self.z.astype(np.float32) * np.float32(self.step_m)
         z[self.z == 0] = np.nan
-        sigma = self.sigma.astype(np.float32) * np.float32(2e-5)
+        sigma = self.sigma.astype(np.float32) * np.float32(SIGMA_STEP * self.step_m)
         grey = self.grey.astype(np.float32)
         levels = _levels(z, sigma, grey, self.camera, self.floor, self.levels)
         return Pyramid(levels, self.floor, self.bend)
 
 
 def compress(image: Pyramid) -> CompressedImage:
-    """Compress an image; depth beyond `COMPRESSED_M` is dropped."""
+    """Compress an image; depth that is hardly known is dropped, see `VAGUE`."""
     level = image.levels[0]
+    known = level.sigma < VAGUE * level.z
+    step = max(STEP_M, float(np.max(level.z, initial=0.0, where=known)) / 65534.0)
     with np.errstate(invalid="ignore"):
-        near = level.z < COMPRESSED_M
-        z = np.where(near, level.z * 1e4 + 0.5, 0.0).astype(np.uint16)
-        sigma = np.where(near, np.clip(level.sigma * 5e4, 1.0, 65535.0), 0.0).astype(np.uint16)
+        z = np.where(known, level.z / step + 0.5, 0.0).astype(np.uint16)
+        steps = np.clip(level.sigma / (SIGMA_STEP * step), 1.0, 65535.0)
+        sigma = np.where(known, steps, 0.0).astype(np.uint16)
     grey = level.grey.astype(np.uint8)
     count = len(image.levels)
-    return CompressedImage(z, sigma, grey, level.camera, image.floor, image.bend, count)
+    return CompressedImage(z, sigma, grey, level.camera, image.floor, image.bend, count, step)
 
 
 def build(

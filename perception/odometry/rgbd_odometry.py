@@ -30,6 +30,7 @@ from .depth_bend import BendOfPairs
 from .odometry import Odometry, OdometryConfig, Step
 from .pose_uncertainty import PoseUncertainty
 from .pyramid import PyramidConfig, build
+from .vergence import VergenceOfPairs
 from .view_errors import ViewErrorSize
 
 FLOOR_REACH_M = (0.3, 6.0)  # the range of RGB-D cameras; that of a long stereo pair is farther
@@ -62,6 +63,7 @@ class Odometer:
         failures: Probability that the pose of the frame is wrong, see `alarm`.
         view_error: Size of the error that depends on the view, see `view_errors`.
         bend: Estimates the bend of an RGB-D camera from its motion.
+        vergence: The same of the vergence of a stereo pair.
     """
 
     def __init__(
@@ -93,6 +95,7 @@ class Odometer:
         self._rng = rng
         self._floor_config, self._noise = floor or FloorConfig(), noise
         self._reach = reach or ReachesConfig()
+        self.vergence = VergenceOfPairs(self._floor_config.distortion.stereo)
         self._T_world_start: Pose3 | None = None
 
     @property
@@ -125,6 +128,8 @@ class Odometer:
         is_reference = self.odometry.references[-1].number == len(self.states)
         if is_reference and sensor == "depth":
             self.bend.note(step, len(self.states), image)
+        if sensor == "stereo":
+            self.vergence.note(step, image, depth.baseline_m, is_reference)
         if self.back_end is not None:
             self.back_end.take(step, image, is_reference)
         self._T_world_start = self._T_world_start or world_by_floor(step, image)
@@ -143,7 +148,13 @@ class Odometer:
         """Covariance of every pose of `trajectory`; None without two poses."""
         if self.back_end is None:
             return None
-        return self.back_end.uncertainty(solution, self.view_error.covariance)
+        found = self.back_end.uncertainty(solution, self.view_error.covariance)
+        if found is None:
+            return None
+        common = self.vergence.covariances(
+            self.back_end.trajectory(solution), self.back_end.T_world_start
+        )
+        return PoseUncertainty(found.from_start + common.from_start, found.aligned + common.aligned)
 
     def _floor(self, depth: Depth, sensor: str) -> Plane | None:
         reach, usual = self._reach.of(sensor, depth), ReachesConfig().of(sensor, depth)

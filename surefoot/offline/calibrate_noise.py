@@ -1,8 +1,9 @@
 """Calibrate the depth sensor of a recording: noise and bend, as settings that every verb takes.
 
-The bend of an RGB-D camera comes from its motion; it is written if flat surfaces are flatter without it.
+The bend of an RGB-D camera comes from its motion; it is written if flat surfaces are flatter without it. The vergence
+of a stereo pair comes from its motion too.
 
-Source: ours; see `perception.floor.depth_calibration` and `perception.odometry.depth_bend`.
+Source: ours; see `perception.floor.depth_calibration`, `perception.odometry.depth_bend` and `vergence` there.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import tomli_w
+from jaxtyping import Float
 
 from perception.depth import points
 from perception.depth.distortion import Bend, Distortion, DistortionConfig, stretch
@@ -23,6 +25,7 @@ from perception.depth.sources import DepthSources, registered_picture
 from perception.depth.time_of_flight import SIGMA_AT_M
 from perception.floor.depth_calibration import Calibrator, DepthCalibration
 from perception.odometry.depth_bend import BendEstimator, MotionBend
+from perception.odometry.vergence import Vergence, VergenceEstimator
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError, OutputError
 from perception.primitives.pose import Pose3
@@ -34,6 +37,7 @@ from ..recordings.recording import Recording
 MOST_VIEWS = 60  # ours: views of a recording, evenly spaced
 SHAPES = ("scale", "right", "down", "right^2", "right down", "down^2")
 LEAST_SIGMA_M = 0.0005  # ours: of a setting
+WITHOUT_SURFACES = DepthCalibration((), np.zeros(6), np.eye(6), 0, False)
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,7 @@ class NoiseSettings:
         frames, surfaces: Number of views used and of flat surfaces in them.
         calibration: Estimates with their uncertainty, of depth that is straightened by `motion` if there is one.
         motion: The bend that is taken out; None if the motion of the camera does not tell it.
+        vergence: The same of a stereo pair.
         settings: Nested tables of a configuration.
         remarks: What the recording did not tell.
     """
@@ -54,6 +59,7 @@ class NoiseSettings:
     surfaces: int
     calibration: DepthCalibration
     motion: MotionBend | None
+    vergence: Vergence | None
     settings: dict[str, Any]
     remarks: tuple[str, ...]
 
@@ -81,6 +87,11 @@ class NoiseSettings:
                 self.motion.known,
                 " %",
             )
+        if self.vergence is not None:
+            rows.append(
+                f"right camera turned outwards by {math.degrees(self.vergence.angle):+.4f} ± "
+                f"{math.degrees(self.vergence.sigma):.4f} deg, by {self.vergence.pairs} motions of the pair"
+            )
         left = "" if self.motion is None else "what is left of the "
         rows.append(f"{left}bend by flat surfaces, 1 = the published size:")
         rows += _listed(SHAPES, found.bend, found.sigma, found.known)
@@ -105,6 +116,10 @@ class NoiseSettings:
             if motion is None
             else np.sqrt(np.diag(motion.covariance)).tolist(),
             "motion_bend_known": None if motion is None else motion.known.tolist(),
+            "vergence_deg": None if self.vergence is None else math.degrees(self.vergence.angle),
+            "vergence_sigma_deg": None
+            if self.vergence is None
+            else math.degrees(self.vergence.sigma),
             "size": found.size,
             "settings": self.settings,
             "remarks": list(self.remarks),
@@ -145,13 +160,16 @@ def calibrate(recording: Recording, config: Config, say: Say) -> NoiseSettings:
         recording.info.own_body,
     )
     views: dict[str, list[_View]] = {}
-    moving = BendEstimator(DistortionConfig().depth)
+    moving: dict[str, BendEstimator | VergenceEstimator] = {
+        "depth": BendEstimator(DistortionConfig().depth),
+        "stereo": VergenceEstimator(DistortionConfig().stereo),
+    }
     every = max(1, (recording.info.frames or 1) // MOST_VIEWS)
     for number, frame in enumerate(recording.frames()):
-        if frame.depth is not None and not moving.is_full:
-            depth = sources.image(frame, "depth")
+        for sensor, estimator in moving.items():
+            depth = None if estimator.is_full else sources.image(frame, sensor)
             if depth is not None:
-                moving.add(depth, registered_picture(frame, "depth"))
+                estimator.add(depth, registered_picture(frame, sensor))
         if number % every:
             continue
         for sensor, depth in sources.images(frame):
@@ -164,24 +182,24 @@ def calibrate(recording: Recording, config: Config, say: Say) -> NoiseSettings:
     flat = {sensor: _flat(sensor, seen, config) for sensor, seen in views.items()}
     sensor = max(flat, key=lambda name: flat[name][1])
     calibrator, surfaces = flat[sensor]
-    found, motion = calibrator.solve(), None
-    refused = ""
-    if sensor == "depth":
-        say("bend by the motion of the camera")
-        told = moving.solve()
-        if told.known.any():
-            straight = [one.straightened(told.bend) for one in views[sensor]]
-            calibrator, count = _flat(sensor, straight, config)
-            straightened = calibrator.solve() if count else found
-            if straightened.size < found.size:
-                found, surfaces, motion = straightened, count, told
-            else:
-                refused = (
-                    "bend by the motion of the camera left out: flat surfaces do not confirm it"
-                )
-    settings, remarks = _settings(sensor, found, motion, config)
+    told = moving[sensor].solve() if sensor in moving else None
+    motion, vergence, refused = None, None, ""
+    if isinstance(told, Vergence) and told.known:
+        vergence = told
+        calibrator, surfaces = _flat(sensor, [one.turned(told) for one in views[sensor]], config)
+    found = calibrator.solve() if surfaces or vergence is None else WITHOUT_SURFACES
+    if isinstance(told, MotionBend) and told.known.any():
+        straight = [one.straightened(told.bend) for one in views[sensor]]
+        calibrator, count = _flat(sensor, straight, config)
+        straightened = calibrator.solve() if count else found
+        if straightened.size < found.size:
+            found, surfaces, motion = straightened, count, told
+        else:
+            refused = "bend by the motion of the camera left out: flat surfaces do not confirm it"
+    settings, remarks = _settings(sensor, found, motion, vergence, config)
     remarks += (refused,) if refused else ()
-    return NoiseSettings(sensor, len(views[sensor]), surfaces, found, motion, settings, remarks)
+    count = len(views[sensor])
+    return NoiseSettings(sensor, count, surfaces, found, motion, vergence, settings, remarks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,12 +211,17 @@ class _View:
     T_world_camera: Pose3 | None
 
     def straightened(self, bend: Bend) -> _View:
-        share = stretch(self.camera, bend).ravel()[self.points.pixels]
-        return _View(
-            replace(self.points, xyz=self.points.xyz / share[:, None]),
-            self.camera,
-            self.T_world_camera,
-        )
+        return self._nearer(stretch(self.camera, bend).ravel()[self.points.pixels])
+
+    def turned(self, vergence: Vergence) -> _View:
+        x, _, z = self.points.xyz.T
+        share = 1.0 - vergence.share_per_m * z * (1.0 + (x / z) ** 2)
+        return self._nearer(np.where(share > 0.0, share, 1.0))
+
+    def _nearer(self, share: Float[np.ndarray, "n"]) -> _View:
+        """All points at depths divided by these."""
+        moved = replace(self.points, xyz=self.points.xyz / share[:, None])
+        return _View(moved, self.camera, self.T_world_camera)
 
 
 def _flat(sensor: str, views: list[_View], config: Config) -> tuple[Calibrator, int]:
@@ -223,11 +246,15 @@ def _listed(
 
 
 def _settings(
-    sensor: str, found: DepthCalibration, motion: MotionBend | None, config: Config
+    sensor: str,
+    found: DepthCalibration,
+    motion: MotionBend | None,
+    vergence: Vergence | None,
+    config: Config,
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """The calibration as tables of a configuration, and what the recording did not tell."""
     remarks = []
-    if not found.noise:
+    if not found.noise and vergence is None:
         raise InputError(
             "the flat surfaces are too small to tell the noise at any depth; record a bare floor or a wall that "
             "fills a third of the picture"
@@ -264,8 +291,15 @@ def _settings(
         white = np.sqrt(varying) / (z / SIGMA_AT_M) ** 2
         tables["tof"] = {"sigma_m": round(float(np.median(white)), 6)}
     elif sensor == "stereo":
-        ratio = float(np.median([one.sigma / one.claimed for one in found.noise]))
-        tables["stereo"] = {"sigma_px": round(ratio * config.stereo.sigma_px, 6)}
+        turned = 0.0 if vergence is None else math.degrees(vergence.angle)
+        tables["stereo"] = {"vergence_deg": round(config.stereo.vergence_deg + turned, 6)}
+        if found.noise:
+            ratio = float(np.median([one.sigma / one.claimed for one in found.noise]))
+            tables["stereo"]["sigma_px"] = round(ratio * config.stereo.sigma_px, 6)
+        else:
+            remarks.append("noise not told: no flat surface of 25 by 25 degrees was seen")
+        if vergence is None:
+            remarks.append("vergence not told: the pair did not move far enough, or is too near")
     if not found.known.any():
         remarks.append(
             "bend not told: the surfaces fill too little of the picture, or are not flat; the published size is kept"

@@ -294,6 +294,7 @@ class OdometryCamera(CameraImages):
             odometer.failures,
             odometer.config.alarm.threshold,
             odometer.bend.solve(),
+            odometer.vergence.solve(),
         )
         self.remarks += [remark] if remark else []
         poses = {stamp: self.T_map_world @ pose for stamp, pose in self._poses.items()}

@@ -133,7 +133,7 @@ def _write_camera(folder: RunFolder, source: PoseSource, camera: CameraTrajector
         return ""
     odometer = source.odometer
     threshold = odometer.config.alarm.threshold
-    bend = odometer.bend.solve()
+    bend, vergence = odometer.bend.solve(), odometer.vergence.solve()
     return write_tracking(
-        folder, source.stamps, odometer.states, odometer.failures, threshold, bend
+        folder, source.stamps, odometer.states, odometer.failures, threshold, bend, vergence
     )

@@ -11,13 +11,19 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
+from perception.primitives.frame import Frame, StereoView
 from surefoot.cli.main import main
 from surefoot.config.load import load
+from surefoot.config.schema import Config
+from surefoot.offline.calibrate_noise import calibrate
+from surefoot.recordings.recording import RecordingInfo
 
+from ...perception.odometry import road
 from ...perception.odometry.bent_room import BENT, IMAGES, pose, seen
 
 CAMERA = "[camera]\nwidth = 160\nheight = 120\nfx = 140.0\nfy = 140.0\ncx = 79.5\ncy = 59.5\n"
 DEPTH = "[depth]\nscale_per_metre = 10000\nnone = [0]\n"
+TURNED = np.radians(0.1)
 SHARE = 2.0  # of the published noise
 
 
@@ -168,3 +174,36 @@ def test_calibrated_settings_straighten_a_trajectory(bent_recording, tmp_path):
     assert code == 0, said
     written = load(again).structured_light.bend.coefficients
     np.testing.assert_allclose(written, BENT.coefficients, atol=0.004)
+
+
+class Drive:
+    """Images of a road by a pair whose right camera is turned; nothing flat is near enough to tell the noise."""
+
+    info = RecordingInfo("drive", "stereo", frames=30)
+
+    def __init__(self):
+        rng = np.random.default_rng(7)
+        self.seen = [road.seen(road.pose(n), TURNED, rng) for n in range(30)]
+
+    def frames(self):
+        for number, (_, rgb) in enumerate(self.seen):
+            left = rgb[..., 0].copy()
+            left[0, 0] = number
+            yield Frame(0.1 * number, stereo=StereoView(left, left, road.BASELINE_M, road.CAMERA))
+
+
+def test_a_pair_that_drove_gets_its_vergence_also_without_flat_surfaces(monkeypatch, tmp_path):
+    drive = Drive()
+    monkeypatch.setattr(
+        "perception.depth.sources.stereo.depth",
+        lambda view, config: drive.seen[view.left[0, 0]][0],
+    )
+    found = calibrate(drive, Config(), lambda _: None)
+    found.write(tmp_path / "pair.toml")
+    config = load(tmp_path / "pair.toml")
+    assert config.stereo.vergence_deg == pytest.approx(np.degrees(TURNED), abs=0.06)
+    assert abs(config.stereo.vergence_deg - np.degrees(TURNED)) < 3.0 * np.degrees(
+        found.vergence.sigma
+    )
+    assert any("outwards by +0." in line for line in found.lines())
+    assert found.content()["vergence_deg"] == pytest.approx(config.stereo.vergence_deg, abs=1e-5)
