@@ -6,15 +6,23 @@ import numpy as np
 
 from perception.terrain import segmentation
 from surefoot.experiments.real import labelled_steps
-from surefoot.experiments.real.labelled_steps import NO_UNITS, RISERS, WHOLE, images, overlaps
+from surefoot.experiments.real.labelled_steps import (
+    NO_UNITS,
+    RISERS,
+    TREADS,
+    WHOLE,
+    images,
+    overlaps,
+)
 
 
-def test_the_labelled_risers_are_regions_of_their_own(recordings, monkeypatch):
+def test_the_labelled_risers_and_the_thin_tread_are_regions_of_their_own(recordings, monkeypatch):
     monkeypatch.setenv("SUREFOOT_DATA", str(recordings))
     depth, labels = images()
     regions = segmentation.find(depth, WHOLE, NO_UNITS, "tof")
     masks = [one.mask(depth.camera) for one in regions]
     assert np.mean(overlaps(masks, labels, RISERS)) > 0.85
+    assert overlaps(masks, labels, TREADS)[0] > 0.85  # of four rows
     best = [int(np.argmax([(m & (labels == one)).sum() for m in masks])) for one in RISERS]
     assert len(set(best)) == len(RISERS)
 
