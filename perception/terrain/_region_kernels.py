@@ -96,14 +96,23 @@ def fit(sums: np.ndarray, A: np.ndarray, g: np.ndarray) -> tuple[float, float, f
 
 @njit(cache=True, nogil=True)
 def flatten(
-    sums: np.ndarray, least: float, most: float, common: float, sigmas: float, rest: np.ndarray
+    sums: np.ndarray,
+    least: float,
+    most: float,
+    graze: float,
+    common: float,
+    sigmas: float,
+    rest: np.ndarray,
 ) -> None:
     """Find the cells that a plane explains, and weaken them by an error that their pixels share.
+
+    Two rows on either side of a jump of depth fit a plane, too, one that is nearly along the ray.
 
     Args:
         sums: (rows, columns, SUMS); those of a flat cell are reduced by the shared error.
         least: Least number of pixels of a cell.
         most: Most squared residual per degree of freedom.
+        graze: Sine of the least angle between a surface and the ray.
         common, sigmas: Standard deviation of the error that the pixels of one cell share, m, and in those of a pixel.
         rest: (rows, columns), written: sum of squared residuals of a flat cell as weakened, inf of the others.
     """
@@ -114,10 +123,12 @@ def flatten(
             rest[i, j] = np.inf
             if cell[10] < least:
                 continue
-            _, _, _, left = fit(cell, A, g)
+            a, b, c, left = fit(cell, A, g)
             if left > most * (cell[10] - 3.0):
                 continue
-            middle = cell[8] / cell[5]  # mean inverse depth
+            x, y, middle = cell[2] / cell[5], cell[4] / cell[5], cell[8] / cell[5]  # means
+            if middle < graze * math.sqrt((a * a + b * b + c * c) * (x * x + y * y + 1.0)):
+                continue
             weaker = 1.0 / (
                 1.0 + cell[5] * (common * middle * middle) ** 2 + cell[10] * sigmas * sigmas
             )

@@ -12,6 +12,7 @@ Taguchi and Kamat 2014; tests by the noise of each pixel, and the fit, ours (`fl
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import cv2
@@ -19,6 +20,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, Int16
 
 from ..depth._stereo_trust_kernels import SIDE
+from ..depth.flying import GRAZE_DEG
 from ..depth.points import Points
 from ..depth.reach import ReachConfig
 from ..floor.choose import FloorConfig, explains, thinned
@@ -31,7 +33,10 @@ from .edges import straight_edges
 from .region import Region
 
 CELLS_ACROSS, CELLS_DOWN = 80, 120  # ours: level ground is foreshortened, so cells are wide
-LEAST_WIDE_PX, LEAST_TALL_PX = 4, 3  # ours
+LEAST_WIDE_PX, LEAST_TALL_PX, LEAST_MATCHED_PX = 4, 2, 3
+"""Ours: time of flight measures every pixel by itself, and a tread of few rows holds no whole cell of 3 rows; cameras that
+match a pattern or a picture share noise between rows."""
+ROWS_THAT_TELL = 3  # fewer fit a plane across any jump of depth between them
 FULL = 0.7  # ours: share of a cell's pixels with depth
 FLAT = 2.5  # ours: most squared residual of a cell per degree of freedom
 ROUGH_M = 0.002  # ours: of a surface within a cell
@@ -68,7 +73,7 @@ def find(
         depth: With the standard deviation of every pixel.
         reach: Depths used.
         config: Bands of the fit, and the distortion of each kind of sensor.
-        sensor: "tof", "stereo" or "depth", which sets the distortion; None: as an RGB-D camera.
+        sensor: "tof", "stereo" or "depth", which sets the distortion and the smallest cells; None: as an RGB-D camera.
 
     Returns:
         Regions in the camera frame, each with covariance and edges; empty if none is seen.
@@ -80,7 +85,7 @@ def find(
     depth.camera.check_image("depth", depth.z)
     depth.camera.check_image("sigma", depth.sigma)
     q, weight = np.empty((2, *depth.z.shape), np.float32)
-    grown = _grown(depth, reach, q, weight)
+    grown = _grown(depth, reach, sensor, q, weight)
     distortion = config.distortion.of(sensor)
     edge = float(np.max(np.abs(depth.camera.slopes[0])))
     stride = 1 if depth.z.size < LARGE else STRIDE
@@ -141,19 +146,22 @@ class _Grown(NamedTuple):
 def _grown(
     depth: Depth,
     reach: ReachConfig,
+    sensor: str | None,
     q: Float32[np.ndarray, "h w"],
     weight: Float32[np.ndarray, "h w"],
 ) -> _Grown:
     """Regions of cells; fills inverse depth and its weight."""
     height, width = depth.z.shape
-    tall = max(LEAST_TALL_PX, round(height / CELLS_DOWN))
+    least = LEAST_TALL_PX if sensor == "tof" else LEAST_MATCHED_PX
+    tall = max(least, round(height / CELLS_DOWN))
     wide = max(LEAST_WIDE_PX, round(width / CELLS_ACROSS))
     x, y = depth.camera.slopes
     sums = np.zeros((height // tall, width // wide, kernels.SUMS))
     limits = (max(reach.nearest_m, 1e-6), reach.farthest_m, ROUGH_M)
     kernels.sum_cells(depth.z, depth.sigma, x, y, limits, (tall, wide), q, weight, sums)
     rest = np.empty(sums.shape[:2])
-    kernels.flatten(sums, FULL * tall * wide, FLAT, COMMON_M, COMMON_SIGMAS, rest)
+    graze = math.sin(math.radians(GRAZE_DEG)) if tall < ROWS_THAT_TELL else 0.0
+    kernels.flatten(sums, FULL * tall * wide, FLAT, graze, COMMON_M, COMMON_SIGMAS, rest)
     flat = np.flatnonzero(np.isfinite(rest))
     order = flat[np.argsort(rest.ravel()[flat] / sums[..., 10].ravel()[flat], kind="stable")]
     cells = np.full(rest.shape, -1, np.int64)

@@ -44,8 +44,8 @@ class Staircase:
         up: Unit vector.
         first_edge: A point on the nosing nearest to the camera, in the middle of what is seen.
         ascends: Whether it rises away from the camera.
-        covariance: (5, 5) of (riser, tread, yaw of the direction about `up`, distance of the first edge along
-            `direction`, its height along `up`).
+        covariance: (5, 5) of (riser, tread, yaw of the direction about `up`, place of the first edge along `direction` and
+            along `up`, beside `first_edge`), with what is not known of `up`.
         treads: Indices of the regions that are its treads, the landings included; the lowest first.
     """
 
@@ -182,16 +182,19 @@ def _staircase(
         return None
     s, h = s0 + first * tread, h0 + first * riser
     across = float(np.mean(middles @ left))
+    edge = s * direction + h * up + across * left
     J = np.zeros((5, 7))
     J[0, 6] = J[1, 4] = J[2, 2] = J[3, 3] = J[4, 5] = 1.0
     J[3, 4] = J[4, 6] = first
+    J[3, :2], J[3, 2] = h * prior.tangents @ direction, -across  # lines turn about the camera,
+    J[4, :2] = -prior.tangents @ edge  # so that the edge moves with the tilts and the yaw
     return Staircase(
         riser,
         tread,
         highest - lowest,
         direction,
         up,
-        s * direction + h * up + across * left,
+        edge,
         ascends,
         J @ P @ J.T,
         tuple(index for index, _ in sorted(match.levels, key=lambda one: one[1])),

@@ -73,6 +73,12 @@ def _met(surfaces: list[Rectangle], T: Pose3, camera: Camera) -> tuple[np.ndarra
     return z, on
 
 
+def surface_of(surfaces: list[Rectangle], T: Pose3, camera: Camera) -> np.ndarray:
+    """Index of the surface that each pixel sees, -1 if none."""
+    z, on = _met(surfaces, T, camera)
+    return np.where(np.isfinite(z), on[..., 2], -1.0).astype(int)
+
+
 def stereo_pair(surfaces: list[Rectangle], T: Pose3, seed: int) -> StereoView:
     """Pictures of the surfaces, each with a texture of its own, by two cameras 8 cm apart."""
     camera = Camera.from_view(320, 240, math.radians(60.0), math.radians(47.0))

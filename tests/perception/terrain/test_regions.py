@@ -12,6 +12,7 @@ import pytest
 from perception.depth import stereo
 from perception.depth.distortion import Distortion, DistortionConfig
 from perception.floor.choose import FloorConfig
+from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.frame import Depth
 from perception.terrain import inclination, segmentation
@@ -22,13 +23,13 @@ sys.path.insert(0, str(Path(__file__).parent))
 import stair_scenes as scenes
 
 NOISE_M = 0.004
-EXACT = FloorConfig(distortion=DistortionConfig(depth=Distortion()))
+EXACT = FloorConfig(distortion=DistortionConfig(depth=Distortion(), tof=Distortion()))
 T = scenes.pose(0.9, 0.55, 0.2)
 
 
-def found(surfaces, seed=0, pose=T):
+def found(surfaces, seed=0, pose=T, sensor="depth"):
     return segmentation.find(
-        scenes.look(surfaces, pose, NOISE_M, seed), config=EXACT, sensor="depth"
+        scenes.look(surfaces, pose, NOISE_M, seed), config=EXACT, sensor=sensor
     )
 
 
@@ -50,6 +51,17 @@ def test_treads_that_lead_down_are_regions_too():
     np.testing.assert_allclose(
         heights(regions, scenes.pose(1.1, 0.75)), [-0.45, -0.30, -0.15, 0.0], atol=0.004
     )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_tread_of_two_or_three_rows_is_one_region(seed):
+    camera = Camera.from_view(176, 144, math.radians(69.0), math.radians(56.0))
+    surfaces, pose = scenes.stairs(0.13, 0.30, 5, 0.8), scenes.pose(0.75, 0.25, 0.05)
+    depth = scenes.look(surfaces, pose, NOISE_M, seed, camera)
+    tread = scenes.surface_of(surfaces, pose, camera) == 2 * 4  # the fourth one
+    assert 2.0 < tread.sum() / np.count_nonzero(tread.any(axis=0)) < 3.0
+    masks = [one.mask(camera) for one in segmentation.find(depth, config=EXACT, sensor="tof")]
+    assert max((mask & tread).sum() / (mask | tread).sum() for mask in masks) > 0.85
 
 
 @pytest.mark.parametrize("slope_deg", [7.0, 10.0, 20.0])
@@ -86,12 +98,13 @@ def test_the_planes_keep_to_their_covariance():
     assert 0.5 < np.mean(nees) < 2.0
 
 
-def test_the_end_of_a_landing_is_an_edge_with_its_sigma():
+@pytest.mark.parametrize("sensor", ["depth", "tof"])
+def test_the_end_of_a_landing_is_an_edge_with_its_sigma(sensor):
     off = []
     pose = scenes.pose(1.1, 0.75)
     for seed in range(8):
         surfaces = scenes.stairs(0.17, 0.30, 3, 0.6, down=True)
-        top = max(found(surfaces, seed, pose), key=lambda one: float(-one.plane.offset_m))
+        top = max(found(surfaces, seed, pose, sensor), key=lambda one: float(-one.plane.offset_m))
         ends = [edge for edge in top.edges if edge.kind == EdgeKind.OCCLUDING]
         assert ends, "the landing ends at a step down"
         edge = max(ends, key=lambda one: one.length_m)

@@ -11,6 +11,8 @@ import pytest
 
 from perception.depth.distortion import Distortion, DistortionConfig
 from perception.floor.choose import FloorConfig
+from perception.primitives.camera import Camera
+from perception.primitives.frame import Depth
 from perception.primitives.plane import Plane
 from perception.terrain import segmentation, staircase
 
@@ -19,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import stair_scenes as scenes
 
 NOISE_M = 0.004
-EXACT = FloorConfig(distortion=DistortionConfig(depth=Distortion()))
+EXACT = FloorConfig(distortion=DistortionConfig(depth=Distortion(), tof=Distortion()))
 
 
 def seen(surfaces, T, seed=0, tilt=(0.0, 0.0)):
@@ -77,6 +79,44 @@ def test_the_errors_keep_to_the_covariance():
             [0.17 - one.riser_m, 0.28 - one.tread_m, -math.atan2(turned[1], turned[0])]
         )
         nees.append(float(error @ np.linalg.solve(one.covariance[:3, :3], error)) / 3.0)
+    assert 0.4 < np.mean(nees) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("surfaces", "T"),
+    [
+        (scenes.stairs(0.15, 0.28, 5, 0.7), scenes.pose(1.0, 0.4, 0.2)),
+        (scenes.stairs(0.17, 0.30, 5, 0.6, down=True), scenes.pose(1.5, 0.7, -0.2)),
+    ],
+)
+def test_the_first_edge_keeps_to_the_covariance_where_only_treads_tell_what_is_up(surfaces, T):
+    """An error of up by d is one of its height by d times its distance, and of the riser by d times the tread."""
+    camera = Camera.from_view(176, 144, math.radians(69.0), math.radians(56.0))
+    on = scenes.surface_of(surfaces, T, camera)
+    hidden = (on == 0) | (on == len(surfaces) - 1)  # ground and landing
+    ends = [start for start, end, _ in surfaces[2::2]]  # the nosings
+    rise, going = ends[1][1] - ends[0][1], ends[1][0] - ends[0][0]
+    rng = np.random.default_rng(5)
+    nees = []
+    for seed in range(10):
+        depth = scenes.look(surfaces, T, NOISE_M, seed, camera)
+        z = np.where(hidden, np.nan, depth.z).astype(np.float32)
+        true = scenes.prior(T)
+        normal = true.normal + scenes.TILT_SIGMA * rng.normal(size=2) @ true.tangents
+        prior = Plane(normal / np.linalg.norm(normal), true.offset_m, true.covariance)
+        regions = segmentation.find(Depth(z, depth.sigma, camera), config=EXACT, sensor="tof")
+        one = staircase.find(regions, prior)
+        edge = T.apply(one.first_edge)
+        x, height = min(ends, key=lambda end: abs(end[0] - edge[0]))
+        if rise < 0.0:
+            height -= rise  # a flight down ends at the nosing above
+        apart = T.rotation.T @ (np.array([x, edge[1], height]) - edge)
+        turned = math.copysign(1.0, rise) * (T.rotation @ one.direction)
+        error = np.array(
+            [abs(rise) - one.riser_m, going - one.tread_m, -math.atan2(turned[1], turned[0]),
+             apart @ one.direction, apart @ one.up]
+        )  # fmt: skip
+        nees.append(float(error @ np.linalg.solve(one.covariance, error)) / 5.0)
     assert 0.4 < np.mean(nees) < 2.0
 
 
