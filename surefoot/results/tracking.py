@@ -24,6 +24,9 @@ ADVICE = (
 )
 SAID_BEND = 0.005  # ours: a smaller bend is within what is claimed
 FAR_M = 30.0  # ours: where the effect of a vergence is told
+SAID_TURNED = (
+    3.0  # standard deviations of the vergence, one number whose first estimate is about half of it
+)
 SAID_SIGMAS = 5.0  # ours: sure enough to ask for a calibration
 
 
@@ -81,7 +84,7 @@ def _on_bend(bend: MotionBend) -> str:
 def _on_vergence(vergence: Vergence) -> str:
     """Advice if the cameras of a pair surely stand otherwise than calibrated."""
     size = abs(vergence.angle)
-    if size <= vergence.usual or size <= SAID_SIGMAS * vergence.sigma:
+    if size <= vergence.usual or size <= SAID_TURNED * vergence.sigma:
         return ""
     small = "small" if vergence.angle > 0.0 else "large"
     return (
