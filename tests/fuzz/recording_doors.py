@@ -62,7 +62,21 @@ def tum(folder: Path) -> None:
         lines = (f"{10 + k / 2:.4f} {name}/{k}.png\n" for k in range(3))
         (folder / f"{name}.txt").write_text("# list\n" + "".join(lines))
     (folder / "groundtruth.txt").write_text("# stamp tx ty tz qx qy qz qw\n" + POSES)
-    (folder / "recording.toml").write_text(CAMERA)
+    (folder / "recording.toml").write_text(CAMERA + "[depth]\nscale_per_metre = 1000\nnone = [0]\n")
+
+
+def stray_scanner(folder: Path) -> None:
+    """As Stray Scanner writes them."""
+    for k in range(2):
+        pair(folder / f"depth/{k:06d}.png", folder / f"confidence/{k:06d}.png")
+        picture(folder / f"confidence/{k:06d}.png", np.full((HEIGHT, WIDTH), 2, np.uint8))
+    (folder / "camera_matrix.csv").write_text("1680, 0, 960\n0, 1680, 720\n0, 0, 1\n")
+    lines = (
+        f"{10 + k / 2}, {k:06d}, 0, 1, {0.1 * k}, 0.6, -0.8, 0, 0, 1, 1, 1, 1, ,\n"
+        for k in range(2)
+    )
+    head = "timestamp, frame, x, y, z, qx, qy, qz, qw, fx, fy, cx, cy, distortion_center_x,\n"
+    (folder / "odometry.csv").write_text(head + "".join(lines))
 
 
 def seven_scenes(folder: Path) -> None:
@@ -297,6 +311,7 @@ def logs(folder: Path) -> None:
 
 DOORS = {
     "tum": Door(tum, frames),
+    "stray_scanner": Door(stray_scanner, frames),
     "seven_scenes": Door(seven_scenes, frames),
     "redwood": Door(redwood, frames),
     "replica": Door(replica, frames),

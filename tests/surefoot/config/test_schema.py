@@ -51,7 +51,7 @@ def test_only_settings_whose_sign_has_a_meaning_take_negative_numbers():
         except ConfigError:
             continue
         taken.add(name)
-    assert taken == {"localiser.slip_m", "grid.evidence.floor"}
+    assert taken == {"localiser.slip_m", "grid.evidence.floor", "stereo.vergence_deg"}
 
 
 @pytest.mark.parametrize("pair", ["search.p_solid=0", "cloud.voxel_m=1e-6", "surface.voxel_m=1e-6"])

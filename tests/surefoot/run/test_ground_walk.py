@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -25,7 +26,7 @@ def walks():
     with pytest.MonkeyPatch.context() as patch:
         for riser_m in (0.08, 0.25):
             patch.setattr(stairs, "terrain", lambda kind, seed, r=riser_m: kerb(r))
-            patch.setattr(stairs_walk, "MODEL", str(CLIMBER))
+            patch.setattr(stairs_walk, "ROBOT", replace(stairs_walk.ROBOT, model=str(CLIMBER)))
             found[riser_m] = stairs_walk.walk(0)
     return found
 
