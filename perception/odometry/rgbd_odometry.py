@@ -128,8 +128,8 @@ class Odometer:
         is_reference = self.odometry.references[-1].number == len(self.states)
         if is_reference and sensor == "depth":
             self.bend.note(step, len(self.states), image)
-        if sensor == "stereo":
-            self.vergence.note(step, image, depth.baseline_m, is_reference)
+        baseline_m = depth.baseline_m if sensor == "stereo" else 0.0
+        self.vergence.note(step, image, baseline_m, is_reference)
         if self.back_end is not None:
             self.back_end.take(step, image, is_reference)
         self._T_world_start = self._T_world_start or world_by_floor(step, image)

@@ -86,18 +86,33 @@ class VergenceOfPairs:
         self.moved: list[Float[np.ndarray, "6"]] = []
 
     def note(self, step: Step, image: Pyramid, baseline_m: float, is_reference: bool) -> None:
-        """Take the next image, after the odometry has tracked it; `is_reference` if later ones are aligned with it."""
-        if not self.moved:
-            self._baseline_m, self._usual = baseline_m, _usual(image, self._distortion, baseline_m)
-        self.moved.append(self._moved(step, image, is_reference) if self.moved else np.zeros(6))
-        if is_reference:
-            self._before = (len(self.moved) - 1, image)
+        """Take the next image, after the odometry has tracked it.
 
-    def _moved(self, step: Step, image: Pyramid, is_reference: bool) -> Float[np.ndarray, "6"]:
+        Args:
+            step, image: The image and how it was tracked.
+            baseline_m: Of the pair; 0 for an image of another sensor, which tells nothing.
+            is_reference: Whether later images are aligned with it.
+        """
+        is_of_pair = baseline_m > 0.0
+        if is_of_pair and not math.isfinite(self._baseline_m):
+            self._baseline_m, self._usual = baseline_m, _usual(image, self._distortion, baseline_m)
+        found = self._moved(step, image, is_of_pair, is_reference) if self.moved else np.zeros(6)
+        self.moved.append(found)
+        if is_reference:
+            self._before = (len(self.moved) - 1, image) if is_of_pair else None
+
+    def _moved(
+        self, step: Step, image: Pyramid, is_of_pair: bool, is_reference: bool
+    ) -> Float[np.ndarray, "6"]:
         reference = step.T_start_camera @ step.motion.inverse()
         arm = reference.rotation @ step.motion.position
         found = error_transport(arm) @ self.moved[step.reference]
-        if self._before is None or step.reference != self._before[0] or step.aligned is None:
+        if (
+            not is_of_pair
+            or self._before is None
+            or step.reference != self._before[0]
+            or step.aligned is None
+        ):
             return np.asarray(found)
         pair = (self._before[1], image, step.motion, step.aligned.error)
         if is_reference and step.state == TRACKED:

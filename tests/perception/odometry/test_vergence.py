@@ -126,3 +126,23 @@ def test_without_images_of_a_pair_nothing_is_told():
     odometer = Odometer(np.random.default_rng(0))
     assert odometer.vergence.solve() == Vergence()
     assert not odometer.vergence.of_image(-1).any()
+
+
+@pytest.mark.parametrize("others", [{0, 1, 2}, {4}, set(range(8)) - {3, 4, 5}])
+def test_images_of_another_sensor_may_stand_between_those_of_a_pair(others):
+    """As a frame without its depth image, where the odometry takes the pair instead."""
+    rng, odometer = np.random.default_rng(3), Odometer(np.random.default_rng(0))
+    for number in range(8):
+        odometer.track_images(
+            *seen(pose(number), TURNED, rng), "depth" if number in others else "stereo"
+        )
+    poses, solution = odometer.trajectory()
+    claims = odometer.uncertainty(solution)
+    assert claims.from_start.shape == (8, 6, 6)
+    common = odometer.vergence.covariances(poses, odometer.T_world_start or poses[0])
+    grown = common.from_start[:, 2, 2] > 1e-9
+    first = min(
+        number for number in range(1, 8) if number not in others and number - 1 not in others
+    )
+    assert not grown[:first].any()
+    assert grown[first:].all()
