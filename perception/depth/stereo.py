@@ -42,9 +42,7 @@ SIGMA_PER_BLUR = 0.035  # ours: growth of sigma_d with the ratio of remaining co
 AROUND_PX = 41  # ours: side of the surroundings: voting neighbours reach half as far
 AROUND = 0.3  # ours: mean reliability of the surroundings from which they do not reduce a pixel's
 HOLES_PX = 15  # ours: holes in a reliable region up to this size do not count as its rim
-MOST_VERGENCE_DEG = (
-    2.0  # ours: 20 times that of a pair that was knocked; more is another calibration
-)
+MOST_VERGENCE_DEG = 2.0  # ours: more is no small error of a calibration
 SGBM_SIGMAS = 1.3  # ours: the path costs of SGBM make its sub-pixel part less accurate
 
 

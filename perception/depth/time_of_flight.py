@@ -96,14 +96,14 @@ def depth(view: RangeView, config: TofConfig | None = None) -> Depth:
     return Depth(z, sigma_z, view.camera, view.T_body_camera, amplitude=view.amplitude)
 
 
-def raw_amplitude(view: RangeView) -> str:
+def raw_amplitude(view: RangeView | None) -> str:
     """What is wrong with amplitudes in the units of a sensor; empty for those of `depth`.
 
     The return of a target falls with the square of its range, so amplitude times (range / 2 m)^2 is its reflectance
     where a white target 2 m straight ahead has amplitude 1. In raw units the noise would seem hundreds of times too
     small, and no return too weak.
     """
-    if view.amplitude is None:
+    if view is None or view.amplitude is None:
         return ""
     with np.errstate(invalid="ignore", over="ignore"):
         reflectance = view.amplitude * np.square(view.range_m / np.float32(2.0))

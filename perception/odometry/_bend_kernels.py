@@ -14,10 +14,10 @@ BEND, VERGENCE = 5, 1  # shapes of the error
 @njit(cache=True, nogil=True)
 def shapes(x: float, y: float, z: float, edge: float, into: np.ndarray) -> None:
     """Relative errors of depth at the ray slopes x, y and depth z, m: five of a bend, or that of the vergence."""
-    if (
-        len(into) == VERGENCE
-    ):  # one camera turned about y shifts the image by f (1 + x^2) per radian
-        into[0] = z * (1.0 + x * x)
+    if len(into) == VERGENCE:
+        into[0] = z * (
+            1.0 + x * x
+        )  # a camera turned about y shifts its image by f (1 + x^2) per rad
         return
     u, v = x / edge, y / edge
     into[0], into[1], into[2], into[3], into[4] = u, v, u * u, u * v, v * v

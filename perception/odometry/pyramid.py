@@ -30,9 +30,8 @@ OFF_FLOOR_SIGMAS = 4.0  # ours: points closer to the floor plane count as floor
 OFF_FLOOR_M = 0.02  # ours: the same, at least
 STEP_M = 1e-4  # ours: steps of compressed depth; longer where an image reaches beyond 6.5 m
 SIGMA_STEP = 0.2  # of a step of depth: those of its standard deviation
-VAGUE = (
-    0.25  # ours: compressed images leave out depth whose standard deviation is a larger share of it
-)
+VAGUE = 0.25
+"""Ours: compressed images leave out depth whose standard deviation is a larger share of it."""
 
 
 @dataclass(frozen=True)

@@ -208,9 +208,7 @@ class Pipeline:
             raise InputError(
                 f"stamp_s={frame.stamp_s} must be a number larger than the previous one ({self._stamp_s})"
             )
-        fault = fault_of(frame) or far_pose(frame)
-        if not fault and frame.tof is not None:
-            fault = raw_amplitude(frame.tof)
+        fault = fault_of(frame) or far_pose(frame) or raw_amplitude(frame.tof)
         if fault:
             raise InputError(f"frame at {frame.stamp_s} s: {fault}")
         views = (frame.tof, frame.depth, frame.stereo, frame.colour)

@@ -56,9 +56,7 @@ class CheckedRecording:
         for number, (frame, following) in enumerate(frames):
             try:
                 log.check_stamp(frame.stamp_s, following)
-                fault = fault_of(frame)
-                if not fault and frame.tof is not None:
-                    fault = raw_amplitude(frame.tof)
+                fault = fault_of(frame) or raw_amplitude(frame.tof)
                 if fault:
                     raise FrameError(fault)
             except FrameError as error:

@@ -97,7 +97,8 @@ def walk(
         tags = TagSensor(scene, tag_noise, config.landmarks, rng)
         guide = RouteFollower(scene)
         # never told of motion: its map stays the body frame
-        pipeline = Pipeline(config, replace(known_beforehand(scene, body, config), start=Pose2()))
+        own = replace(config, seed=seed)
+        pipeline = Pipeline(own, replace(known_beforehand(scene, body, own), start=Pose2()))
         walked, before = 0.0, truth.robot_pose()
         for _ in range(MAX_FRAMES):
             frame = body.read()

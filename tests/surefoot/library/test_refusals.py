@@ -317,7 +317,8 @@ def test_amplitudes_in_the_units_of_a_sensor_are_refused_with_advice(units, rang
 def test_a_few_mirrors_are_no_other_units():
     amplitude = 0.4 * DEPTH
     amplitude[:2] = 900.0
-    added(walks=False, amplitude=amplitude, range_m=2.0 * DEPTH, camera=CAMERA)
+    seen = added(stamp_s=1.5, walks=False, amplitude=amplitude, range_m=2.0 * DEPTH, camera=CAMERA)
+    assert seen.stamp_s == 1.5
 
 
 def test_the_message_of_a_matrix_says_how_a_pose_is_made_of_it():
