@@ -115,10 +115,10 @@ def judge(folder: RunFolder, scene: Scene) -> tuple[Figures, Walked]:
         "path_m": walk["path_m"],
         "goals_reached": float(goals),
         "contacts": contact_metrics(clearance)["contacts"],
-        "cycle_p99_first_ms": percentile(log.cycle_ms[first], 99),
-        "cycle_p99_last_ms": percentile(log.cycle_ms[last], 99),
-        "cycle_p99_ratio": percentile(log.cycle_ms[last], 99) / percentile(log.cycle_ms[first], 99),
-        "busy_p99_ratio": percentile(log.busy_ms[last], 99) / percentile(log.busy_ms[first], 99),
+        "cycle_p99_first_ms": percentile(log.cycle_ms[first], 99.0),
+        "cycle_p99_last_ms": percentile(log.cycle_ms[last], 99.0),
+        "cycle_p99_ratio": percentile(log.cycle_ms[last], 99.0) / percentile(log.cycle_ms[first], 99.0),
+        "busy_p99_ratio": percentile(log.busy_ms[last], 99.0) / percentile(log.busy_ms[first], 99.0),
         "busy_median_ratio": float(np.median(log.busy_ms[last]) / np.median(log.busy_ms[first])),
         "rss_first_mb": memory[0],
         "rss_last_mb": memory[2],
@@ -234,8 +234,8 @@ def outcome(found: list[tuple[Figures, Walked]]) -> Outcome:
             own = log.part(number)
             at = slice(*np.searchsorted(walked.stamps, log.stamp_s[own][[0, -1]]))
             table.append(
-                f"{seed:4d}  {number + 1:4d}  {percentile(log.cycle_ms[own], 99):12.1f}"
-                f"  {percentile(log.busy_ms[own], 99):11.1f}  {np.median(log.busy_ms[own]):14.1f}"
+                f"{seed:4d}  {number + 1:4d}  {percentile(log.cycle_ms[own], 99.0):12.1f}"
+                f"  {percentile(log.busy_ms[own], 99.0):11.1f}  {np.median(log.busy_ms[own]):14.1f}"
                 f"  {np.median(log.rss_mb[own]):6.0f}"
                 f"  {100 * np.sqrt(np.mean(walked.error_m[at] ** 2)):7.2f}"
                 f"  {np.mean(walked.nees[at]):9.2f}"

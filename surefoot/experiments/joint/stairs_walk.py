@@ -160,7 +160,7 @@ def summary(walks: list[Walk]) -> dict[str, float]:
         "feet_on_edges": float(sum(step.carried < LEAST_CARRIED for step in steps)),
         "edges_missed": float(sum(step.carried < 1.0 for step in steps)),
         "edges_missed_claimed": float(sum(step.claimed for step in steps)),
-        "plan_ms_p99": percentile([step.plan_ms for step in steps], 99),
+        "plan_ms_p99": percentile([step.plan_ms for step in steps], 99.0),
     }
 
 

@@ -180,6 +180,8 @@ class Drive:
     """Images of a road by a pair whose right camera is turned; nothing flat is near enough to tell the noise."""
 
     info = RecordingInfo("drive", "stereo", frames=30)
+    skipped = ()
+    remarks = ()
 
     def __init__(self):
         rng = np.random.default_rng(7)
