@@ -35,7 +35,7 @@ from ..primitives.landmark import Landmark, Sighting
 from ..primitives.pose import Pose2
 from .localiser_noise import LocaliserConfig, joint_noise, process_noise, range_sigmas
 from .noise_factor import NoiseFactor
-from .relocalisation import pose_from_sightings
+from .relocalisation import RecentSightings, pose_from_sightings
 from .turn_check import LASTING, TurnCheck
 from .ukf_engines import ukf_engine
 
@@ -97,6 +97,7 @@ class PoseFilter:
         self._positions = {mark.identity: np.array(mark.position[:2]) for mark in landmarks}
         self._gate = chi_square_quantile(GATE_PROBABILITY, 2)
         self._frames_rejected = 0
+        self._recent = RecentSightings()  # of the frames rejected in a row
         self._walks = False  # whether it made a step since the last frame
         self._sightings_factor = NoiseFactor(SIGHTINGS_LEAST_NIS)
         self._blind_s: float | None = None  # time without odometry; None while there is some
@@ -181,6 +182,10 @@ class PoseFilter:
         self._blind_s = blind_s + dt if odometry is None else None
         self._ukf.predict(motion, steps, noise)
         self.process_noise = noise
+        if odometry is None:
+            self._recent.clear()
+        turn = Pose2(yaw=yaw).lifted().rotation
+        self._recent.move(motion, turn.T @ noise[:3, :3] @ turn)
         if turn_rad is not None:
             self._ukf.update_turn(turn_rad, sigma_rad, dt)
 
@@ -198,9 +203,10 @@ class PoseFilter:
 
         A sighting without identity is associated with the only landmark inside the gate, if there is just one. When
         most sightings of several frames in a row are rejected, the filter resets its pose to the one that two
-        sightings agree on, or else inflates its covariance until sightings are accepted again.
+        sightings agree on and that explains those before, or else inflates its covariance until sightings are
+        accepted again.
         """
-        sightings = self._doubted(sightings)
+        given, sightings = sightings, self._doubted(sightings)
         accepted: list[tuple[Sighting, np.ndarray]] = []
         innovations: list[Innovation] = []
         for sighting in sightings:
@@ -216,8 +222,9 @@ class PoseFilter:
                     self._sightings_factor.learn(one.nis / 2.0)
         if 2 * len(accepted) > len(innovations):
             self._frames_rejected = 0
+            self._recent.clear()
         elif innovations:
-            self._recover(sightings)
+            self._recover(self._known(given))
         return UpdateReport(len(accepted), len(sightings) - len(accepted), innovations)
 
     def _doubted(self, sightings: Sequence[Sighting]) -> list[Sighting]:
@@ -294,32 +301,38 @@ class PoseFilter:
         places = np.array([position for _, position in accepted])
         self._ukf.update(measured, noise, places, sigmas)
 
-    def _recover(self, sightings: Sequence[Sighting]) -> None:
+    def _recover(self, known: list[Sighting]) -> None:
         """After several rejected frames in a row: reset the pose, or inflate its covariance."""
         self._frames_rejected += 1
-        if self._frames_rejected < self.config.rejected_frames:
-            return
-        known = self._known(sightings)
-        found = None
-        if len(known) >= 2:
-            found = pose_from_sightings(
-                known,
-                self._positions_of(known),
-                joint_noise([s.covariance for s in known], self.config.shared_bearing_sigma_rad),
-            )
-        state = self._ukf.state
-        mean, P = state.mean, state.covariance
-        if found is not None:
-            log.info("pose reset from %d landmarks of one frame", len(known))
-            self._frames_rejected = 0
-            mean[:3] = found.mean
-            P[:3, :] = P[:, :3] = 0.0
-            P[:3, :3] = found.covariance
-        else:
-            log.info("%d frames mostly rejected: covariance inflated", self._frames_rejected)
-            P[[X, Y], [X, Y]] += RECOVERY_SIGMA_M**2
-            P[YAW, YAW] += RECOVERY_SIGMA_RAD**2
-        self.set_state(Gaussian(mean, P))
+        positions = self._positions_of(known)
+        if self._frames_rejected >= self.config.rejected_frames:
+            found = self._found(known, positions)
+            state = self._ukf.state
+            mean, P = state.mean, state.covariance
+            if found is not None:
+                log.info("pose reset from %d landmarks of one frame", len(known))
+                self._frames_rejected = 0
+                self._recent.clear()
+                mean[:3] = found.mean
+                P[:3, :] = P[:, :3] = 0.0
+                P[:3, :3] = found.covariance
+            else:
+                log.info("%d frames mostly rejected: covariance inflated", self._frames_rejected)
+                P[[X, Y], [X, Y]] += RECOVERY_SIGMA_M**2
+                P[YAW, YAW] += RECOVERY_SIGMA_RAD**2
+            self.set_state(Gaussian(mean, P))
+        if self._frames_rejected > 0:
+            self._recent.add(known, positions)
+
+    def _found(self, known: list[Sighting], positions: np.ndarray) -> Gaussian | None:
+        """The pose by the landmarks of this frame, if it explains most sightings of those rejected before."""
+        if len(known) < 2:
+            return None
+        _, noise, _ = self._measurement(known)
+        found = pose_from_sightings(known, positions, noise)
+        if found is None or not self._recent.confirm(found):
+            return None
+        return Gaussian(found.mean, self._surprise.factor * found.covariance)
 
 
 def _finite(array: np.ndarray, number: float) -> bool:

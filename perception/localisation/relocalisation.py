@@ -5,13 +5,19 @@ contradict each other; then there is no result. A rigid alignment in the plane g
 least squares with the covariance of the sightings refines it. Landmarks that stand close together and far away leave the
 pose anywhere on an arc, or turned round: that is no Gaussian, and there is no result either.
 
-Source: alignment after Umeyama (1991), in the plane; its use after a kidnapping is ours.
+With one number to spare, also two wrong sightings may agree by chance. `RecentSightings` keeps those of the last frames, to
+tell whether they confirm such a pose.
+
+Source: alignment after Umeyama (1991), in the plane; consensus after Fischler and Bolles (1981); their use after a kidnapping
+is ours.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -20,8 +26,10 @@ from ..filtering.consistency import chi_square_quantile
 from ..filtering.models import range_bearing, sighting_difference, symmetric, wrap_angles
 from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Sighting
+from ..primitives.pose import Pose2
 
 GATE_PROBABILITY = 0.999  # ours: share of correct pairs that pass the test for contradictions
+REMEMBERED = 8  # ours: frames with sightings that a pose found anew is held against
 STRAIGHT = 1.5  # ours: cost two deviations away, relative to that of a Gaussian, beyond which the pose is on an arc
 
 
@@ -69,6 +77,79 @@ def pose_from_sightings(
         return None
     pose[2:] = wrap_angles(pose[2:])
     return Gaussian(pose, covariance)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Sightings of one frame with the motion of the robot since.
+
+    Args:
+        measured: k times (range, bearing), m and rad.
+        covariances: Of each.
+        positions: Of their landmarks, world frame, m.
+        motion: Of the robot since then, body frame of then.
+        motion_covariance: Of (x, y, yaw) of that motion.
+    """
+
+    measured: Float[np.ndarray, "k 2"]
+    covariances: Float[np.ndarray, "k 2 2"]
+    positions: Float[np.ndarray, "k 2"]
+    motion: Pose2
+    motion_covariance: Float[np.ndarray, "3 3"]
+
+    def moved(self, motion: Pose2, covariance: Float[np.ndarray, "3 3"]) -> _Seen:
+        """The same after another motion, body frame, with its covariance."""
+        after = self.motion @ motion
+        F, G = np.eye(3), np.eye(3)
+        F[:2, 2] = self.motion.y - after.y, after.x - self.motion.x
+        G[:2, :2] = self.motion.rotation
+        joined = F @ self.motion_covariance @ F.T + G @ covariance @ G.T
+        return replace(self, motion=after, motion_covariance=joined)
+
+    def explained(self, pose: Gaussian, gate: float) -> int:
+        """Number of sightings inside the gate, if the robot has this pose now."""
+        now = Pose2(*pose.mean.tolist())
+        then = now @ self.motion.inverse()
+        x, y = now.x - then.x, now.y - then.y
+        by_now = np.array([[1.0, 0.0, y], [0.0, 1.0, -x], [0.0, 0.0, 1.0]])
+        by_motion = np.zeros((3, 3))
+        by_motion[:2, :2], by_motion[:, 2] = -then.rotation, (-y, x, -1.0)
+        P = by_now @ pose.covariance @ by_now.T + by_motion @ self.motion_covariance @ by_motion.T
+        J = jacobian(then.vector, self.positions).reshape(-1, 2, 3)
+        expected = range_bearing(then.vector, self.positions)
+        rest = sighting_difference(self.measured.ravel(), expected).reshape(-1, 2)
+        S = J @ P @ J.transpose(0, 2, 1) + self.covariances
+        nis = np.einsum("ki,ki->k", rest, np.linalg.solve(S, rest[..., None])[..., 0])
+        return int(np.sum(nis <= gate))
+
+
+class RecentSightings:
+    """Sightings of the last frames, which a pose found anew should explain."""
+
+    def __init__(self) -> None:
+        self._seen: deque[_Seen] = deque(maxlen=REMEMBERED)
+
+    def add(self, sightings: Sequence[Sighting], positions: Float[np.ndarray, "k 2"]) -> None:
+        """Add those of a frame, with the positions of their landmarks, (k, 2), world frame, m."""
+        if sightings:
+            measured = np.array([one.measured for one in sightings])
+            covariances = np.array([one.covariance for one in sightings])
+            self._seen.append(_Seen(measured, covariances, positions, Pose2(), np.zeros((3, 3))))
+
+    def move(self, motion: Pose2, covariance: Float[np.ndarray, "3 3"]) -> None:
+        """Follow a motion of the robot, body frame; covariance of its (x, y, yaw), m and rad."""
+        moved = [one.moved(motion, covariance) for one in self._seen]
+        self._seen = deque(moved, maxlen=REMEMBERED)
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._seen.clear()
+
+    def confirm(self, pose: Gaussian) -> bool:
+        """Whether the robot's pose now, over (x, y, yaw), explains most of them; not without any."""
+        gate = chi_square_quantile(GATE_PROBABILITY, 2)
+        explained = sum(one.explained(pose, gate) for one in self._seen)
+        return 2 * explained > sum(len(one.measured) for one in self._seen)
 
 
 def jacobian(

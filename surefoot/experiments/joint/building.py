@@ -117,8 +117,10 @@ def judge(folder: RunFolder, scene: Scene) -> tuple[Figures, Walked]:
         "contacts": contact_metrics(clearance)["contacts"],
         "cycle_p99_first_ms": percentile(log.cycle_ms[first], 99.0),
         "cycle_p99_last_ms": percentile(log.cycle_ms[last], 99.0),
-        "cycle_p99_ratio": percentile(log.cycle_ms[last], 99.0) / percentile(log.cycle_ms[first], 99.0),
-        "busy_p99_ratio": percentile(log.busy_ms[last], 99.0) / percentile(log.busy_ms[first], 99.0),
+        "cycle_p99_ratio": percentile(log.cycle_ms[last], 99.0)
+        / percentile(log.cycle_ms[first], 99.0),
+        "busy_p99_ratio": percentile(log.busy_ms[last], 99.0)
+        / percentile(log.busy_ms[first], 99.0),
         "busy_median_ratio": float(np.median(log.busy_ms[last]) / np.median(log.busy_ms[first])),
         "rss_first_mb": memory[0],
         "rss_last_mb": memory[2],

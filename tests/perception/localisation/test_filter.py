@@ -415,6 +415,21 @@ def test_it_recovers_from_a_kidnapping(displacement):
         assert abs(error[2]) < 2 * DEG
 
 
+def test_wrong_sightings_that_agree_with_each_other_do_not_move_the_robot():
+    places = np.array([mark.position[:2] for mark in MARKS])
+    P = np.diag([0.02, 0.5 * DEG]) ** 2
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        robot = PoseFilter(Gaussian(np.zeros(3), STARTING), MARKS)
+        for _ in range(5):
+            robot.predict(StepOdometry(Pose2(), 0.0), None, 0.65)
+            elsewhere = rng.uniform([-4.0, -4.0, -math.pi], [4.0, 4.0, math.pi])
+            pair = rng.choice(len(MARKS), 2, replace=False)
+            seen = models.range_bearing(elsewhere, places[pair]).reshape(-1, 2)
+            robot.update([Sighting(int(i), one, P) for i, one in zip(pair, seen, strict=True)])
+        assert nees(robot.pose.mean[None], robot.pose.covariance[None])[0] < 16.3  # 0.1 %
+
+
 def test_tags_without_identity_are_associated_by_position():
     def nameless(k: int, seen: list[Sighting], rng: np.random.Generator) -> list[Sighting]:
         return [Sighting(None, s.measured, s.covariance) for s in seen]

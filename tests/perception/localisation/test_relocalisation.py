@@ -13,8 +13,15 @@ from scipy.stats import binom
 from perception.filtering.consistency import band, nees, share_inside
 from perception.filtering.models import range_bearing, wrap_angles
 from perception.localisation.localiser_noise import joint_noise
-from perception.localisation.relocalisation import jacobian, pose_from_sightings
+from perception.localisation.relocalisation import (
+    REMEMBERED,
+    RecentSightings,
+    jacobian,
+    pose_from_sightings,
+)
+from perception.primitives.gaussian import Gaussian
 from perception.primitives.landmark import Sighting
+from perception.primitives.pose import Pose2
 
 NOISE = np.diag([0.01**2, 0.01**2])
 
@@ -101,3 +108,62 @@ def test_contradicting_sightings_give_no_pose():
     seen = look(np.zeros(3), places, None)
     wrong = Sighting(1, seen[1].measured + np.array([0.5, 0.3]), NOISE)
     assert pose_from_sightings([seen[0], wrong], places, noise(2)) is None
+
+
+MOTION = Pose2(0.1, 0.02, 0.1)
+MOTION_COVARIANCE = np.diag([0.03, 0.02, math.radians(2.0)]) ** 2
+SURE = np.diag([0.02, 0.02, math.radians(0.5)]) ** 2
+
+
+def walked(rng: np.random.Generator, frames: int) -> tuple[RecentSightings, np.ndarray]:
+    """Sightings of a landmark in each frame of a walk told with noise, and the pose at its end."""
+    recent, true = RecentSightings(), Pose2(*rng.uniform(-1, 1, 3))
+    places = np.array([[6.0, 1.0], [5.0, -4.0]])
+    for _ in range(frames):
+        recent.add(look(true.vector, places[:1], rng), places[:1])
+        error = rng.multivariate_normal(np.zeros(3), MOTION_COVARIANCE)
+        true = true @ MOTION @ Pose2(*error)
+        recent.move(MOTION, MOTION_COVARIANCE)
+    return recent, true.vector
+
+
+@pytest.mark.parametrize("frames", [1, 6])
+def test_the_true_pose_explains_what_was_seen_along_the_way(frames):
+    rng = np.random.default_rng(3)
+    confirmed = 0
+    for _ in range(400):
+        recent, true = walked(rng, frames)
+        confirmed += recent.confirm(Gaussian(rng.multivariate_normal(true, SURE), SURE))
+    assert confirmed >= 396
+
+
+@pytest.mark.parametrize("frames", [1, 6])
+@pytest.mark.parametrize("beyond", [6.0])
+def test_a_pose_beyond_its_deviation_and_that_of_the_way_does_not(frames, beyond):
+    """The landmark is straight ahead: sideways, pose and way are unsure by what their headings do over 6 m."""
+    rng = np.random.default_rng(5)
+    confirmed = 0
+    for _ in range(200):
+        recent, true = walked(rng, frames)
+        turned = math.sqrt(SURE[2, 2] + frames * MOTION_COVARIANCE[2, 2])
+        confirmed += recent.confirm(Gaussian(true + np.array([0.0, 0.0, beyond * turned]), SURE))
+    assert confirmed <= 10
+
+
+def test_without_other_frames_no_pose_is_confirmed():
+    recent = RecentSightings()
+    assert not recent.confirm(Gaussian(np.zeros(3), SURE))
+    places = np.array([[2.0, 1.0]])
+    recent.add(look(np.zeros(3), places, None), places)
+    assert recent.confirm(Gaussian(np.zeros(3), SURE))
+    recent.clear()
+    assert not recent.confirm(Gaussian(np.zeros(3), SURE))
+
+
+def test_only_the_last_frames_are_remembered():
+    recent, places = RecentSightings(), np.array([[2.0, 1.0]])
+    here, elsewhere = np.zeros(3), np.array([1.0, 0.5, 1.0])
+    for pose in (elsewhere,) * REMEMBERED + (here,) * REMEMBERED:
+        recent.add(look(pose, places, None), places)
+    assert recent.confirm(Gaussian(here, SURE))
+    assert not recent.confirm(Gaussian(elsewhere, SURE))
