@@ -40,7 +40,12 @@ MOST_SIGMA = 1e3  # of a truth, m or deg; with more it is none
 @click.option(
     "--body-axes",
     is_flag=True,
-    help="With --covariance: covariances are in the axes of each pose, not of the world.",
+    help="With --covariance: in the axes of each pose (GTSAM), not of the world (ROS).",
+)
+@click.option(
+    "--rotation-first",
+    is_flag=True,
+    help="With --covariance: 6x6 over rotation, position (GTSAM), not position, rotation (ROS).",
 )
 @click.option(
     "--surface",
@@ -64,6 +69,7 @@ def evaluate(
     covariance: Path | None,
     same_axes: bool,
     body_axes: bool,
+    rotation_first: bool,
     surface: Path | None,
     truth_sigma: tuple[float, float],
     out: Path | None,
@@ -84,12 +90,15 @@ def evaluate(
             raise click.UsageError(
                 "--trajectory needs --truth, and takes neither a RUN nor --surface"
             )
-        _judge(trajectory, covariance, truth, same_axes, body_axes, sigma, out, as_json)
+        _judge(
+            trajectory, covariance, truth, same_axes, body_axes, rotation_first, sigma, out, as_json
+        )
         return
-    if run is None or covariance is not None or same_axes or body_axes or out is not None:
+    alone = same_axes or body_axes or rotation_first
+    if run is None or covariance is not None or alone or out is not None:
         raise click.UsageError(
-            "give the folder of a RUN, or --trajectory FILE --truth FILE; --covariance, --same-axes, --body-axes "
-            "and --out belong to --trajectory"
+            "give the folder of a RUN, or --trajectory FILE --truth FILE; --covariance, --same-axes, --body-axes, "
+            "--rotation-first and --out belong to --trajectory"
         )
     from ..evaluation.evaluate import evaluate as measure
     from ..evaluation.targets import closing_table
@@ -114,6 +123,7 @@ def _judge(
     truth: Path,
     same_axes: bool,
     body_axes: bool,
+    rotation_first: bool,
     truth_sigma: tuple[float, float],
     out: Path | None,
     as_json: bool,
@@ -124,7 +134,9 @@ def _judge(
     from ..results.formats import plain_json
     from ..results.run_folder import RunFolder
 
-    verdict = judge_files(trajectory, covariance, truth, same_axes, body_axes, truth_sigma)
+    verdict = judge_files(
+        trajectory, covariance, truth, same_axes, body_axes, truth_sigma, rotation_first
+    )
     folder = RunFolder.create(out, name=f"{trajectory.stem}-evaluate", reads=trajectory)
     page = write_page(folder, verdict, ["surefoot", *sys.argv[1:]])
     if as_json:

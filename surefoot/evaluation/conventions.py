@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ..results.tables import Trajectory
-from .foreign_trajectory import EUROC, KITTI, TUM, ForeignTrajectory
+from .foreign_trajectory import EUROC, TUM, ForeignTrajectory
 from .metrics.averages import rms
 from .metrics.trajectory import LEAST_SPREAD_M, Alignment, align, distances
 
@@ -49,7 +49,30 @@ def doubt(
                 f"{file.source} may hold world-to-camera poses: with their inverses the ATE is {inverted_m:.3f} m, not "
                 f"{error_m:.3f} m. Poses of the body in the world were expected; invert them"
             )
+    mirrored_m = _error_m(found.positions * [1.0, 1.0, -1.0], true.positions)
+    if CLEARLY * mirrored_m < error_m:
+        return (
+            f"{estimate.source} or {truth.source} may have left-handed axes: mirrored, the ATE is {mirrored_m:.3f} m, not "
+            f"{error_m:.3f} m. Change the sign of one axis, and the rotations with it"
+        )
     return _order(estimate, truth, found, true, aligned)
+
+
+def scale_doubt(found: Trajectory, true: Trajectory) -> str:
+    """How much larger or smaller the estimate is than the truth, if that is most of its error; else empty."""
+    rigid, scaled = (align(found.positions, true.positions, k) for k in (False, True))
+    if rigid is None or scaled is None or scaled.scale <= 0.0:
+        return ""
+    error_m, left_m = (
+        rms(distances(one.apply(found.positions), true.positions)) for one in (rigid, scaled)
+    )
+    if CLEARLY * left_m > error_m:
+        return ""
+    return (
+        f"the scale of the estimate: with positions times {scaled.scale:.4g} the ATE is {left_m:.3f} m, not {error_m:.3f} m. "
+        "One camera does not measure the scale: multiply positions and their standard deviations by it. "
+        "Of any other system it is an error"
+    )
 
 
 def clock_doubt(
@@ -138,8 +161,8 @@ def _inverted(poses: Trajectory) -> Float[np.ndarray, "n 3"]:
 
 
 def _reordered(file: ForeignTrajectory, poses: Trajectory) -> Float[np.ndarray, "n 4"]:
-    """The quaternions with the scalar part on the other side; those of matrices stay."""
-    shift = {TUM: -1, EUROC: 1, KITTI: 0}[file.format]
+    """The quaternions with the scalar part on the other side; those of matrices, and with names, stay."""
+    shift = {TUM: -1, EUROC: 1}.get(file.format, 0)
     return np.roll(poses.quats_xyzw, shift, axis=1)
 
 

@@ -4,7 +4,12 @@ CSV: one line per pose, row by row, with or without a header and a first column 
 what a line holds: 36 a full 6x6 matrix, 21 its upper triangle, over (x, y, z, rotation vector); 9 and 6 the same of a
 3x3 matrix, over (x, y, yaw) if a name of the header contains "yaw" or "theta", else over (x, y, z). Units are m and
 rad. Columns whose names in the header begin with "sigma", "std", "sd" or "var" are the standard deviations or
-variances of x, y, z (or x, y, yaw, or x, y, z, roll, pitch, yaw), without correlations. Of a table with other columns, those count whose names begin with "P_", P and a digit, "cov" or "aligned_".
+variances of x, y, z (or x, y, yaw, or x, y, z, roll, pitch, yaw), without correlations. Of a table with other columns, those count whose names begin with "P_", P and a digit, "cov" or "aligned_", and those of
+`pose.covariance` of a ROS topic. `Pt11` to `Pt33` and `Pr11` to `Pr33` are 3x3 blocks as OpenVINS writes them, of the position in
+world axes and of the rotation in those of the body.
+
+The order is (position, rotation) and the axes are those of the world, as in ROS, unless told otherwise; GTSAM has
+(rotation, position) in the axes of each pose.
 
 g2o: vertices VERTEX_SE3:QUAT or VERTEX_SE2 with edges EDGE_SE3:QUAT or EDGE_SE2. The joint covariance of all vertices
 follows from the information of the edges.
@@ -14,6 +19,7 @@ Source: Dellaert and Kaess (2006) (marginals of a graph); the rules for tables a
 
 from __future__ import annotations
 
+import itertools
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,7 +34,14 @@ from perception.primitives.errors import InputError
 from ..results.gauge import without_gauge
 from ..results.tables import Trajectory, text_lines
 from .foreign_graph import PoseGraph, read_g2o
-from .foreign_trajectory import ForeignTrajectory, column_names, data_lines, numbers_of, seconds
+from .foreign_trajectory import (
+    ForeignTrajectory,
+    column_names,
+    data_lines,
+    numbers_of,
+    stamp_columns,
+    stamps_of,
+)
 from .metrics.gauge_alignment import floor_gauge, floor_transport
 from .metrics.trajectory import MAX_DIFFERENCE_S, associate
 
@@ -38,7 +51,10 @@ UNFIT = "unfit"
 GROWS = 0.1  # ours: of a localiser the first covariance is as large as the others, of odometry it is nearly zero
 LEAST_LEFT = 2e-3  # ours: share of the variance after alignment; of errors that grow for a tenth of the poses 5e-3
 _SIZES = {36: (6, False), 21: (6, True), 9: (3, False), 6: (3, True)}
-_COVARIANCE = re.compile(r"P[_\d]|(?i:cov)")
+_COVARIANCE = re.compile(r"P[_\d]|(?i:cov|.*\bpose[._/]cov)")
+_OPENVINS = [f"P{part}{i}{j}" for part in "tr" for i in (1, 2, 3) for j in range(i, 4)]
+_ROTATION_FIRST = [3, 4, 5, 0, 1, 2]
+_FLOOR, _OFF_FLOOR = [0, 1, 5], [2, 3, 4]  # x, y, yaw and z, roll, pitch
 _SPREAD = re.compile(
     r"(?P<kind>sigma|std|stddev|sd|var|variance)_?(?P<part>.*?)(_(m|rad)2?| ?\[(m|rad)\^?2?\])?",
     re.IGNORECASE,
@@ -54,6 +70,14 @@ WORDS = {
     GRAPH: "covariances of all poses together follow from the pose graph",
 }
 
+AXES = (
+    "be in the axes of the world (leave out --body-axes)",
+    "be in the axes of each pose (--body-axes)",
+)
+ORDERS = (
+    "have the position before the rotation (leave out --rotation-first)",
+    "have the rotation before the position (--rotation-first)",
+)
 ROUGH = (
     "; rotations or correlations are missing, so that motions are not judged and what alignment removes is a rough guess: "
     "give full covariances of the poses, or a truth in the same axes with --same-axes"
@@ -70,6 +94,9 @@ class Claims:
         rows: Which poses of the trajectory have a covariance, increasing.
         covariances: One per row, world axes, m and rad; of a graph relative to its first pose.
         graph: The pose graph, if the covariances come from one.
+        given: As in the file, if the file does not tell their order and axes.
+        body_axes, rotation_first: How these were read.
+        unknown: Number of covariances that are zero, which tells nothing.
     """
 
     kind: str
@@ -77,6 +104,33 @@ class Claims:
     rows: Int[np.ndarray, "n"]
     covariances: Float[np.ndarray, "n k k"]
     graph: PoseGraph | None = None
+    given: Float[np.ndarray, "n k k"] | None = None
+    body_axes: bool = False
+    rotation_first: bool = False
+    unknown: int = 0
+
+    def read_as(self, poses: Trajectory, body_axes: bool, rotation_first: bool) -> Claims:
+        """The covariances of the file by this convention."""
+        assert self.given is not None
+        found = self.given
+        if rotation_first:
+            found = found[:, _ROTATION_FIRST][:, :, _ROTATION_FIRST]
+        if body_axes:
+            found = _turned(self.kind, found, poses, self.rows)
+        return replace(self, covariances=found, body_axes=body_axes, rotation_first=rotation_first)
+
+    def otherwise(self, poses: Trajectory) -> list[tuple[str, Claims]]:
+        """The same file by other conventions, each with its words and what to do."""
+        if self.given is None:
+            return []
+        found = []
+        for body_axes, rotation_first in itertools.product((False, True), repeat=2):
+            changed = (body_axes != self.body_axes, rotation_first != self.rotation_first)
+            if not any(changed) or (changed[1] and self.kind != SPACE):
+                continue
+            words = [ORDERS[rotation_first]] * changed[1] + [AXES[body_axes]] * changed[0]
+            found.append((" and ".join(words), self.read_as(poses, body_axes, rotation_first)))
+        return found
 
     @property
     def complete(self) -> bool:
@@ -89,6 +143,12 @@ class Claims:
     def words(self) -> str:
         """How they are taken."""
         return WORDS[self.shared] + ROUGH * (self.shared == GROWING and not self.complete)
+
+    def expected(
+        self, poses: Trajectory, chosen: Int[np.ndarray, "m"], same_axes: bool
+    ) -> Float[np.ndarray, "m k k"]:
+        """Covariances of the errors of some of the rows, after rigid alignment over them unless in the `same_axes`."""
+        return self.covariances[chosen] if same_axes else self.left(poses, chosen)
 
     def left(self, poses: Trajectory, chosen: Int[np.ndarray, "m"]) -> Float[np.ndarray, "m k k"]:
         """Covariances of the errors that remain after rigid alignment over some of the rows.
@@ -211,34 +271,58 @@ def position_gauge(
     return moves, np.linalg.pinv(np.einsum("nij,njk->ik", back, moves), hermitian=True) @ back
 
 
-def read_claims(path: Path, trajectory: ForeignTrajectory, body_axes: bool = False) -> Claims:
+def read_claims(
+    path: Path,
+    trajectory: ForeignTrajectory,
+    body_axes: bool = False,
+    rotation_first: bool = False,
+) -> Claims:
     """Read the covariances of a trajectory.
 
     Args:
         path: CSV or g2o.
         trajectory: Whose poses they belong to.
         body_axes: The covariances are in the axes of each pose, not in those of the world.
+        rotation_first: They are over (rotation vector, x, y, z), not over (x, y, z, rotation vector).
 
     Raises:
         InputError: The file is in neither format, does not belong to the trajectory, or a matrix is no covariance.
     """
     if any(line.startswith(("VERTEX_", "EDGE_")) for line in text_lines(path)):
+        if body_axes or rotation_first:
+            raise InputError(
+                f"{path} is a pose graph, whose order and axes are known; leave out --body-axes and --rotation-first"
+            )
         return _of_graph(path, trajectory)
-    stamps, names, values = _table(path)
-    size, upper = _SIZES[values.shape[1]]
-    planar = any(word in name.lower() for name in names for word in ("yaw", "theta"))
+    table = _table(path)
+    size, upper = _SIZES[table.values.shape[1]]
+    if rotation_first and (size != 6 or table.openvins):
+        raise InputError(f"{path} has no 6x6 covariances without names; leave out --rotation-first")
+    planar = any(word in name.lower() for name in table.names for word in ("yaw", "theta"))
     kind = SPACE if size == 6 else PLANAR if planar else POSITION
-    covariances = _matrices(values, size, upper)
-    mine, theirs = _rows(path, stamps, len(values), trajectory)
+    covariances = _matrices(table.values, size, upper)
+    mine, rows = _rows(path, table.stamps, len(covariances), trajectory)
     covariances = covariances[mine]
-    _check(path, covariances)
-    if body_axes:
-        covariances = _turned(kind, covariances, trajectory.poses, theirs)
-    if any(name.startswith("aligned_") for name in names):
-        return Claims(kind, ALIGNED, theirs, covariances)
+    _check(path, covariances, table.lines[mine], table.values.shape[1])
+    known = np.any(covariances, axis=(1, 2))
+    if not known.any():
+        raise InputError(
+            f"{path}: every covariance is zero, which tells nothing; write the covariances of the system"
+        )
+    known[max(int(np.argmax(known)) - 1, 0)] = True  # the known start of errors that grow
+    covariances, rows = covariances[known], rows[known]
+    if size == 6 and not (rotation_first or np.any(covariances[:, _OFF_FLOOR])):
+        kind, covariances = PLANAR, covariances[:, _FLOOR][:, :, _FLOOR]
     sizes = np.trace(covariances, axis1=1, axis2=2)
     shared = GROWING if sizes[0] < GROWS * np.median(sizes) else INDEPENDENT
-    return Claims(kind, shared, theirs, covariances)
+    claims = Claims(kind, shared, rows, covariances, unknown=int(np.sum(~known)))
+    if any(name.startswith("aligned_") for name in table.names):
+        return replace(claims, shared=ALIGNED)
+    if table.openvins:
+        R = Rotation.from_quat(trajectory.poses.quats_xyzw[rows]).as_matrix()
+        covariances[:, 3:, 3:] = R @ covariances[:, 3:, 3:] @ R.transpose(0, 2, 1)
+        return claims
+    return replace(claims, given=covariances).read_as(trajectory.poses, body_axes, rotation_first)
 
 
 def _of_graph(path: Path, trajectory: ForeignTrajectory) -> Claims:
@@ -262,44 +346,70 @@ def _of_graph(path: Path, trajectory: ForeignTrajectory) -> Claims:
     return Claims(kind, GRAPH, rows, graph.covariances(every, aligned=False), graph)
 
 
-def _table(
-    path: Path,
-) -> tuple[Float[np.ndarray, "n"] | None, list[str], Float[np.ndarray, "n c"]]:
-    """Stamps if there are any, names of the columns if there are any, and the covariances' numbers."""
+@dataclass(frozen=True)
+class _Table:
+    """Numbers of covariances, line by line.
+
+    Args:
+        stamps: If there are any, s.
+        names: Of the columns of `values`, if there are any.
+        values: As many columns as in `_SIZES`.
+        lines: Numbers of the lines in the file.
+        openvins: Whether they are the blocks of OpenVINS.
+    """
+
+    stamps: Float[np.ndarray, "n"] | None
+    names: list[str]
+    values: Float[np.ndarray, "n c"]
+    lines: Int[np.ndarray, "n"]
+    openvins: bool = False
+
+
+def _table(path: Path) -> _Table:
     lines = data_lines(path)
     if not lines:
         raise InputError(f"{path} holds no covariances; expected CSV or g2o")
     width = len(lines[0][1])
+    names = column_names(path, width)
+    spread = [i for i, name in enumerate(names) if _SPREAD.fullmatch(name)]
+    openvins = set(_OPENVINS) <= set(names)
+    chosen = [names.index(name) for name in _OPENVINS] if openvins else []
+    chosen = chosen or [i for i, name in enumerate(names) if name.startswith("aligned_")]
+    chosen = chosen or [i for i, name in enumerate(names) if _COVARIANCE.match(name)]
+    sigmas = bool(spread) and (len(spread) >= width - 1 or not chosen)
+    if sigmas:
+        timed, chosen = stamp_columns(names) or [0], spread
+    elif len(chosen) in _SIZES or openvins:
+        timed = stamp_columns(names)
+    elif width in _SIZES or width - 1 in _SIZES:
+        chosen = list(range(0 if width in _SIZES else 1, width))
+        timed = [0]
+    else:
+        raise InputError(
+            f"{path}: {width} numbers per line; expected a stamp or none, and 36 (6x6), 21 (its upper triangle), "
+            "9 (3x3) or 6 (its upper triangle), or a header that names the columns of the covariance"
+        )
+    timed = [i for i in timed if i not in chosen]
     rows = []
     for number, words, _ in lines:
-        row = numbers_of(words)
-        if len(row) != width:
+        row = numbers_of([words[i] for i in (*timed, *chosen)]) if len(words) == width else []
+        if not row:
+            counted = len(numbers_of(words)) or "no"
             raise InputError(
-                f"{path}, line {number}: {len(row) or 'no'} numbers; expected {width} as in the lines before"
+                f"{path}, line {number}: {counted} numbers; expected {width} as in the lines before"
             )
         rows.append(row)
     table = np.array(rows)
-    names = column_names(path, width)
-    spread = [i for i, name in enumerate(names) if _SPREAD.fullmatch(name)]
-    if spread and len(spread) >= width - 1:
-        stamps = None if spread[0] == 0 else seconds(path, table[:, 0])
-        return stamps, *_of_sigmas(path, [names[i] for i in spread], table[:, spread])
-    chosen = [i for i, name in enumerate(names) if name.startswith("aligned_")] or [
-        i for i, name in enumerate(names) if _COVARIANCE.match(name)
-    ]
-    if len(chosen) in _SIZES:
-        first = names[0].lower()
-        timed = 0 not in chosen and ("stamp" in first or "time" in first or first in ("t", "t_s"))
-        picked = [names[i] for i in chosen]
-        return (seconds(path, table[:, 0]) if timed else None), picked, table[:, chosen]
-    if width in _SIZES:
-        return None, names, table
-    if width - 1 in _SIZES:
-        return seconds(path, table[:, 0]), names[1:], table[:, 1:]
-    raise InputError(
-        f"{path}: {width} numbers per line; expected a stamp or none, and 36 (6x6), 21 (its upper triangle), "
-        "9 (3x3) or 6 (its upper triangle)"
-    )
+    stamps = stamps_of(path, table[:, : len(timed)]) if timed else None
+    values, picked = table[:, len(timed) :], [names[i] for i in chosen if names]
+    if sigmas:
+        picked, values = _of_sigmas(path, picked, values)
+    if openvins:
+        blocks = _matrices(values.reshape(-1, 6), 3, True).reshape(-1, 2, 3, 3)
+        both = np.zeros((len(values), 6, 6))
+        both[:, :3, :3], both[:, 3:, 3:] = blocks[:, 0], blocks[:, 1]
+        values = both.reshape(-1, 36)
+    return _Table(stamps, picked, values, np.array([line[0] for line in lines]), openvins)
 
 
 def _of_sigmas(
@@ -357,7 +467,9 @@ def _rows(
     return order[mine[first]], theirs
 
 
-def _check(path: Path, covariances: Float[np.ndarray, "n k k"]) -> None:
+def _check(
+    path: Path, covariances: Float[np.ndarray, "n k k"], lines: Int[np.ndarray, "n"], count: int
+) -> None:
     """Refuse what is no covariance; a first pose without error is one."""
     scale = np.abs(covariances).max(axis=(1, 2))
     with np.errstate(invalid="ignore"):  # inf - inf
@@ -367,9 +479,12 @@ def _check(path: Path, covariances: Float[np.ndarray, "n k k"]) -> None:
         least = np.linalg.eigvalsh(covariances)[:, 0]
         bad = least < -1e-6 * scale
     if bad.any():
+        first = int(np.flatnonzero(bad)[0])
+        size, upper = _SIZES[count]
         raise InputError(
-            f"{path}: covariance {int(np.flatnonzero(bad)[0])} (counted from 0) is not finite, symmetric and "
-            "positive; expected numbers row by row, m and rad"
+            f"{path}, line {lines[first]}: covariance {first} (counted from 0) is not finite, symmetric and positive; "
+            f"{count} numbers were read as {'the upper triangle of ' * upper}a {size}x{size} matrix row by row, m and rad; "
+            "of standard deviations or variances name the columns (sigma_x or var_x, ...)"
         )
 
 

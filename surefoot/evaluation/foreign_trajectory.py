@@ -3,10 +3,12 @@
 | format | a line | stamps |
 |---|---|---|
 | TUM | stamp tx ty tz qx qy qz qw | s; other units are recognised (`seconds`) |
-| KITTI | the 12 numbers of a 3x4 matrix, row by row | none: the number of the line |
+| KITTI | the 12 numbers of a 3x4 matrix, row by row, or the 16 of a 4x4 one | none: the number of the line |
+| KITTI with stamps | the same after a stamp | as of TUM |
 | EuRoC | stamp, tx, ty, tz, qw, qx, qy, qz and further columns, with commas | ns |
+| named columns | a header names the columns of stamp, position and quaternion, as of ROS topics and OpenVINS | as of TUM |
 
-Where a header names the columns of the quaternion, its order is that of the names.
+Where a header names the columns of the quaternion, names count and not the order.
 
 Source: Sturm et al. 2012 (TUM), Geiger et al. 2012 (KITTI), Burri et al. 2016 (EuRoC).
 """
@@ -27,11 +29,17 @@ from ..results.tables import FARTHEST_M, Trajectory, text_lines
 from .metrics.trajectory import MAX_DIFFERENCE_S, associate
 
 TUM, KITTI, EUROC = "TUM", "KITTI", "EuRoC"
+STAMPED, NAMED = "KITTI with stamps", "named columns"
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 SINCE_1970_S = (9e8, 5e9)  # years 1998 to 2128
 SPACING_S = (1e-3, 10.0)  # ours: of poses, on a clock that began elsewhere
 WIDEST_S = 100.0  # ours: of poses, on a clock that began in 1970
 _ORDER = {TUM: [4, 5, 6, 7], EUROC: [5, 6, 7, 4]}  # columns of qx, qy, qz, qw
+_MATRICES = {12: KITTI, 16: KITTI, 13: STAMPED, 17: STAMPED}
+_STAMP = re.compile(r"(?:.*[._/ ])?(?:time_?stamp|time|stamp|t)(?:_[mun]?s)?")
+_SECONDS = re.compile(r"(.*stamp[._/])secs?")
+_NANOSECONDS = ("nsecs", "nsec", "nanosec", "nanosecs")
+_POSITION = re.compile(r"(?:t_?|p_?|pos_?|p_rs_r_|.*(?:position|translation)[._/])?([xyz])")
 _QUATERNION = re.compile(r"(?:q|.*quat|.*orient|.*rot|r_?(?=[wxyz]$)).*?([wxyz])$")
 _TOLERANCE = 0.01  # ours: of lengths of quaternions and of R R^T; four printed digits leave 1e-4
 
@@ -42,7 +50,7 @@ class ForeignTrajectory:
 
     Args:
         source: Path of the file.
-        format: `TUM`, `KITTI` or `EUROC`.
+        format: `TUM`, `KITTI`, `STAMPED`, `EUROC` or `NAMED`.
         poses: In order of time; without stamps in the file these are the numbers of the lines.
         rows: Which line of data each pose is.
         lines: Number of lines of data.
@@ -61,7 +69,7 @@ class ForeignTrajectory:
 
 
 def read_trajectory(path: Path) -> ForeignTrajectory:
-    """Read a trajectory in any of the three formats.
+    """Read a trajectory in any of the formats.
 
     Raises:
         InputError: The file cannot be read, is in none of the formats, or a line is not a pose.
@@ -69,41 +77,46 @@ def read_trajectory(path: Path) -> ForeignTrajectory:
     lines = data_lines(path)
     if not lines:
         raise InputError(f"{path} holds no poses; expected lines of TUM, KITTI or EuRoC")
-    kind = _kind(path, lines)
-    width = 12 if kind == KITTI else 8
+    width = len(lines[0][1])
+    columns = _named(path, column_names(path, width))
+    kind = _kind(path, lines, bool(columns))
+    matrices = kind in (KITTI, STAMPED)
+    if not columns:
+        columns = list(range(width)) if matrices else [0, 1, 2, 3, *_ORDER[kind]]
+    last = width if matrices or kind == TUM else max(columns) + 1
     numbers = []
     for line, found, _ in lines:
-        row = numbers_of(found)
-        right = len(row) >= width if kind == EUROC else len(row) == width
-        if not right or not np.all(np.isfinite(row[:width])):
+        row = numbers_of([found[i] for i in columns]) if len(found) >= last else []
+        right = kind == EUROC or len(found) == width
+        if not (row and right and np.all(np.isfinite(row))):
             raise InputError(
                 f"{path}, line {line}: {' '.join(found)[:60]!r} is not a pose; "
-                f"expected {width} finite numbers as in the lines before ({kind})"
+                f"expected {len(columns)} finite numbers as in the lines before ({kind}); "
+                "remove the lines at which the system was lost"
             )
-        numbers.append(row[:width])
+        numbers.append(row)
     table = np.array(numbers)
-    positions = table[:, [3, 7, 11]] if kind == KITTI else table[:, 1:4]
+    stamps = np.arange(len(table), dtype=np.float64)
+    if kind != KITTI:
+        timed = len(columns) - 7 if not matrices else 1
+        stamps, table = stamps_of(path, table[:, :timed]), table[:, timed:]
+    quats = _of_matrices(path, table, lines, width) if matrices else table[:, 3:]
+    positions = table[:, [3, 7, 11]] if matrices else table[:, :3]
     far = np.flatnonzero(np.abs(positions).max(axis=1) > FARTHEST_M)
     if len(far):
         raise InputError(
             f"{path}, line {lines[far[0]][0]}: the position is more than {FARTHEST_M:g} m away; expected metres"
         )
-    if kind == KITTI:
-        return ForeignTrajectory(
-            str(path), kind, _of_matrices(path, table, lines), np.arange(len(table)), len(table)
-        )
-    stamps = seconds(path, table[:, 0])
-    order = _named_order(path, len(lines[0][1])) or _ORDER[kind]
-    quats = table[:, order]
     lengths = np.linalg.norm(quats, axis=1)
     wrong = np.flatnonzero(np.abs(lengths - 1.0) > _TOLERANCE)
     if len(wrong):
+        order = "qw qx qy qz" if columns[-4:] == _ORDER[EUROC] else "qx qy qz qw"
         raise InputError(
             f"{path}, line {lines[wrong[0]][0]}: the quaternion has length {lengths[wrong[0]]:.3f}, not 1; "
-            f"read as {kind} ({'qw qx qy qz' if order == _ORDER[EUROC] else 'qx qy qz qw'} after the position)"
+            f"read as {kind} ({'by the names of the header' if kind == NAMED else f'{order} after the position'})"
         )
     rows = np.unique(stamps, return_index=True)[1]
-    poses = Trajectory(stamps, table[:, 1:4], quats / lengths[:, None])
+    poses = Trajectory(stamps, positions, quats / lengths[:, None])
     return ForeignTrajectory(str(path), kind, _picked(poses, rows), rows, len(table))
 
 
@@ -116,7 +129,10 @@ def data_lines(path: Path) -> list[tuple[int, list[str], bool]]:
     header = False
     for number, line in enumerate(text_lines(path), start=1):
         text = line.split("#", 1)[0].strip().rstrip(",;")
-        words = text.replace(",", " ").replace(";", " ").split()
+        words = text.split()
+        if "," in text or ";" in text:  # a cell may be empty
+            cells = text.replace(";", ",").split(",")
+            words = [word for cell in cells for word in cell.split() or [""]]
         if words and not (found or header or any(numbers_of([word]) for word in words)):
             header = True
         elif words:
@@ -128,31 +144,66 @@ def column_names(path: Path, width: int) -> list[str]:
     """Names of the columns: the last line of as many words above the numbers, a comment or not; empty without one."""
     found: list[str] = []
     for line in text_lines(path):
-        text = line.strip().lstrip("#").strip().replace(";", ",").rstrip(",")
+        text = line.strip().lstrip("#%").strip().replace(";", ",").rstrip(",")
         names = [word.strip() for word in (text.split(",") if "," in text else text.split())]
-        if numbers_of(names):
-            break
+        comment = line.lstrip().startswith(("#", "%"))
+        if numbers_of(names) or (not comment and any(numbers_of([name]) for name in names)):
+            break  # the data
         if len(names) == width:
             found = names
     return found
 
 
-def _named_order(path: Path, width: int) -> list[int]:
-    """Columns of qx, qy, qz, qw by the header; empty if it names none.
+def _plain(names: list[str]) -> list[str]:
+    """The names in small letters, without a unit in brackets."""
+    return [re.sub(r"\s*[\[(][^\[(]*[\])]$", "", name).strip().lower() for name in names]
+
+
+def stamp_columns(names: list[str]) -> list[int]:
+    """The column of the stamps, or two, of s and of ns in them, by the names of a header; empty if it names none.
+
+    Of several, that of the measurement (ROS: `header.stamp`), else the first.
+    """
+    plain = _plain(names)
+    for i, name in enumerate(plain):
+        if one := _SECONDS.fullmatch(name):
+            rest = [plain.index(one[1] + word) for word in _NANOSECONDS if one[1] + word in plain]
+            return [i, *rest[:1]]
+    found = [i for i, name in enumerate(plain) if _STAMP.fullmatch(name)]
+    return [i for i in found if plain[i].endswith("stamp") and "header" in plain[i]][:1] or found[
+        :1
+    ]
+
+
+def stamps_of(path: Path, columns: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "n"]:
+    """Stamps in s from the one or two columns of `stamp_columns`."""
+    if columns.shape[1] == 2:
+        return np.asarray(columns[:, 0] + 1e-9 * columns[:, 1])
+    return seconds(path, columns[:, 0])
+
+
+def _named(path: Path, names: list[str]) -> list[int]:
+    """Columns of the stamps, x, y, z, qx, qy, qz, qw by the header; empty if it names no quaternion.
 
     Raises:
         InputError: The names contradict the formats.
     """
-    names = [re.sub(r"[\[(].*", "", name).strip().lower() for name in column_names(path, width)]
-    found = {i: name[-1] for i, name in enumerate(names[:8]) if _QUATERNION.match(name)}
-    if not found:
+    plain = _plain(names)
+    quats, positions = (
+        {one[1]: i for i, name in reversed(list(enumerate(plain))) if (one := kind.fullmatch(name))}
+        for kind in (_QUATERNION, _POSITION)
+    )
+    if not quats:
         return []
-    if sorted(found) != [4, 5, 6, 7] or sorted(found.values()) != list("wxyz"):
+    place = [positions[axis] for axis in "xyz"] if len(positions) == 3 else [1, 2, 3]
+    timed = stamp_columns(names) or [0]
+    found = [*timed, *place, *(quats[axis] for axis in "xyzw" if axis in quats)]
+    if len(quats) != 4 or len(set(found)) != len(found):
         raise InputError(
-            f"{path}: the header names the columns {', '.join(names)}; expected a stamp, the position x, y, z, then "
-            "qx, qy, qz and qw in any order; reorder or rename the columns"
+            f"{path}: the header names the columns {', '.join(plain)}; expected names of a stamp, of the position x, y, z, "
+            "and of qx, qy, qz and qw, in any order; rename the columns"
         )
-    return sorted(found, key=lambda i: "xyzw".index(found[i]))
+    return found
 
 
 def numbers_of(words: list[str]) -> list[float]:
@@ -215,7 +266,8 @@ def pairs(
             raise InputError(
                 f"{estimate.source} ({estimate.format}) has {len(estimate.poses)} poses and {truth.source} "
                 f"({truth.format}) has {len(truth.poses)}; without stamps in both, pose by pose, "
-                "the numbers must be equal: give TUM or EuRoC files"
+                "the numbers must be equal: give TUM or EuRoC files, or put the stamps before the poses of KITTI "
+                "(paste -d ' ' times.txt poses.txt)"
             )
         every = np.arange(len(estimate.poses))
         return every, every
@@ -230,7 +282,7 @@ def pairs(
     return mine, theirs
 
 
-def _kind(path: Path, lines: list[tuple[int, list[str], bool]]) -> str:
+def _kind(path: Path, lines: list[tuple[int, list[str], bool]], named: bool) -> str:
     number, words, commas = lines[0]
     row = numbers_of(words)
     if commas and len(row) >= 8:
@@ -239,29 +291,34 @@ def _kind(path: Path, lines: list[tuple[int, list[str], bool]]) -> str:
             return EUROC
     if len(row) == 8:
         return TUM
-    if len(row) == 12:
-        return KITTI
+    if named:
+        return NAMED
+    if len(row) in _MATRICES:
+        return _MATRICES[len(row)]
     raise InputError(
         f"{path}, line {number}: {len(row) or 'no'} numbers; expected 8 (TUM: stamp tx ty tz qx qy qz qw), "
-        "12 (KITTI: rows of a 3x4 matrix), or at least 8 with commas and a stamp in ns "
-        "(EuRoC: stamp, tx, ty, tz, qw, qx, qy, qz)"
+        "12 or 16 (KITTI: rows of a 3x4 or 4x4 matrix; 13 or 17 with a stamp), at least 8 with commas and a stamp in ns "
+        "(EuRoC: stamp, tx, ty, tz, qw, qx, qy, qz), or a header that names the columns (stamp, x, y, z, qx, qy, qz, qw)"
     )
 
 
 def _of_matrices(
-    path: Path, table: Float[np.ndarray, "n 12"], lines: list[tuple[int, list[str], bool]]
-) -> Trajectory:
-    matrices = table.reshape(-1, 3, 4)
-    rotations = matrices[:, :, :3]
+    path: Path,
+    table: Float[np.ndarray, "n c"],
+    lines: list[tuple[int, list[str], bool]],
+    width: int,
+) -> Float[np.ndarray, "n 4"]:
+    matrices = table.reshape(len(table), -1, 4)
+    rotations = matrices[:, :3, :3]
     faults = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    wrong = np.flatnonzero((faults > _TOLERANCE) | (np.linalg.det(rotations) < 0.0))
-    if len(wrong):
+    wrong = (faults > _TOLERANCE) | (np.linalg.det(rotations) < 0.0)
+    wrong |= np.any(matrices[:, 3:] != [0.0, 0.0, 0.0, 1.0], axis=(1, 2))
+    if wrong.any():
         raise InputError(
-            f"{path}, line {lines[wrong[0]][0]}: the first three columns of the 3x4 matrix are no rotation; "
-            "12 numbers were read as KITTI"
+            f"{path}, line {lines[int(np.argmax(wrong))][0]}: the first three columns of the 3x4 matrix are no rotation; "
+            f"{width} numbers were read as {_MATRICES[width]}"
         )
-    quats = Rotation.from_matrix(rotations).as_quat()
-    return Trajectory(np.arange(len(table), dtype=np.float64), matrices[:, :, 3], quats)
+    return np.asarray(Rotation.from_matrix(rotations).as_quat())
 
 
 def _picked(poses: Trajectory, order: Int[np.ndarray, "k"]) -> Trajectory:

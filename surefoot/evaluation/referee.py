@@ -6,6 +6,7 @@ removes (see `results.gauge`), or as they stand if the estimate has the axes of 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from perception.filtering.consistency import band, calibration
 from perception.primitives.errors import InputError
 
 from ..results.tables import Trajectory
-from .conventions import clock_doubt, doubt
+from .conventions import clock_doubt, doubt, scale_doubt
 from .foreign_covariance import PLANAR, POSITION, SPACE, Claims, read_claims
 from .foreign_trajectory import ForeignTrajectory, pairs, read_trajectory
 from .metrics import calibration as scores
@@ -43,6 +44,7 @@ MIN_POSES = 5  # ours: with fewer poses an alignment leaves hardly any error
 MOTIONS = 200
 """Number of motions between poses that are judged; each lasts longer than the errors of images are correlated."""
 TOGETHER = 120  # poses of which the joint covariance is made
+NEARER = 3.0  # ours: how much nearer to 1, as a factor, another convention must bring the sigmas to be named
 BINS = 5  # of the distance travelled, with equally many poses
 COMPONENTS = {
     SPACE: ("x", "y", "z", "turn_x", "turn_y", "turn_z"),
@@ -82,6 +84,7 @@ def judge_files(
     same_axes: bool = False,
     body_axes: bool = False,
     truth_sigma: tuple[float, float] = (0.0, 0.0),
+    rotation_first: bool = False,
 ) -> Verdict:
     """Judge the files of a foreign system.
 
@@ -92,12 +95,15 @@ def judge_files(
         same_axes: Estimate and truth have the same axes: nothing is aligned.
         body_axes: The covariances are in the axes of each pose.
         truth_sigma: Standard deviations of the truth, m and rad.
+        rotation_first: The covariances are over (rotation vector, x, y, z).
 
     Raises:
         InputError: A file cannot be read, or they do not belong together.
     """
     estimate, true = read_trajectory(trajectory), read_trajectory(truth)
-    claims = None if covariance is None else read_claims(covariance, estimate, body_axes)
+    claims = (
+        None if covariance is None else read_claims(covariance, estimate, body_axes, rotation_first)
+    )
     return judge(estimate, claims, true, same_axes, truth_sigma)
 
 
@@ -110,7 +116,7 @@ def judge(
 ) -> Verdict:
     """Judge a trajectory; arguments as for `judge_files`."""
     mine, theirs = pairs(estimate, truth)
-    left_out = _left_out(estimate, len(mine))
+    left_out = _left_out(estimate, len(mine), 0 if claims is None else claims.unknown)
     if len(mine) < MIN_POSES:
         raise InputError(
             f"only {len(mine)} of the {estimate.lines} poses of {estimate.source} can be compared"
@@ -126,7 +132,7 @@ def judge(
         **accuracy(found, true),
     }
     doubtful = doubt(estimate, truth, found, true)
-    if words := doubtful or clock_doubt(estimate, truth, found, true):
+    if words := doubtful or scale_doubt(found, true) or clock_doubt(estimate, truth, found, true):
         metrics["doubt"] = words
     shown = _in_truth(found, true, same_axes)
     if claims is None:
@@ -141,13 +147,12 @@ def judge(
     if claims.kind == SPACE and not same_axes:
         _check_body(pick(found, rows), pick(true, rows), doubtful)
     claims = claims.fitting(estimate.poses, chosen)
-    covariances = claims.covariances[chosen] if same_axes else claims.left(estimate.poses, chosen)
     lengths = _LENGTHS[claims.kind]
-    own = [truth_sigma[0]] * lengths + [truth_sigma[1]] * (errors.shape[1] - lengths)
-    covariances = covariances + np.diag(np.square(own))
-    between = claims.between(
-        estimate.poses, chosen, errors, max(1, len(rows) // MOTIONS), np.diag(np.square(own))
+    own = np.diag(
+        np.square([truth_sigma[0]] * lengths + [truth_sigma[1]] * (errors.shape[1] - lengths))
     )
+    covariances = claims.expected(estimate.poses, chosen, same_axes) + own
+    between = claims.between(estimate.poses, chosen, errors, max(1, len(rows) // MOTIONS), own)
     steps = np.linalg.norm(np.diff(true.positions, axis=0), axis=1)
     travelled = np.concatenate([[0.0], np.cumsum(steps)])[rows]
     metrics["covariances"] = (
@@ -158,6 +163,17 @@ def judge(
     known = None if joint is None else _Joint(some, joint)
     metrics |= honesty(errors, covariances, claims.kind, travelled, known)
     metrics |= _in_parts(between, whitened(errors, covariances))
+    if metrics["verdict"] == scores.TOO_SURE and "doubt" not in metrics:
+        expected = (
+            (
+                words,
+                one.fitting(estimate.poses, chosen).expected(estimate.poses, chosen, same_axes)
+                + own,
+            )
+            for words, one in claims.otherwise(estimate.poses)
+        )
+        if words := _claims_doubt(errors, metrics["pose_anees"], expected):
+            metrics["doubt"] = words
     return Verdict(metrics, shown, true, errors, covariances, rows, travelled)
 
 
@@ -220,7 +236,13 @@ def honesty(
     white = whitened(errors, covariances)
     usable = np.isfinite(squared(white))
     if np.count_nonzero(usable) < MIN_POSES:
-        raise InputError("hardly any covariance is positive definite; nothing can be judged")
+        still = np.median(np.diagonal(covariances, axis1=1, axis2=2), axis=0) <= 0.0
+        which = ", ".join(name for name, one in zip(names, still, strict=True) if one)
+        raise InputError(
+            f"only {np.count_nonzero(usable)} of {len(usable)} covariances are positive definite"
+            f"{f' (most have no variance in {which})' * bool(which)}, at least {MIN_POSES} are needed; leave out components "
+            "without a variance: 3x3 over (x, y, z), or over (x, y, yaw) with a header"
+        )
     figures: dict[str, Any] = {"pose_dof": float(dof), "poses_judged": float(usable.sum())}
     errors, covariances, white = errors[usable], covariances[usable], white[usable]
     every = np.flatnonzero(usable)
@@ -333,12 +355,36 @@ def _by_distance(
     ]
 
 
-def _left_out(estimate: ForeignTrajectory, used: int) -> str:
-    """Why some poses are not compared, in words; empty if all are."""
+def _claims_doubt(
+    errors: Float[np.ndarray, "n k"],
+    anees: float,
+    otherwise: Iterable[tuple[str, Float[np.ndarray, "n k k"]]],
+) -> str:
+    """The other convention of the covariances by which the mean NEES would be much nearer to exact; empty without one.
+
+    A wrong order or wrong axes leave the determinant, and so make the mean NEES of exact claims larger, never smaller:
+    only claims that seem too sure can be those.
+    """
+    dof = errors.shape[1]
+    best, said = anees, ""
+    for words, covariances in otherwise:
+        series = squared(whitened(errors, covariances))
+        mean = float(np.mean(series[np.isfinite(series)]))
+        if mean < best and NEARER * abs(np.log(mean / dof)) < np.log(anees / dof):
+            best, said = mean, words
+    return said and (
+        f"the covariances may {said}: the mean NEES is then {best:.2f}, not {anees:.2f} ({dof} if exact)"
+    )
+
+
+def _left_out(estimate: ForeignTrajectory, used: int, unknown: int) -> str:
+    """Why some poses, or covariances, are not compared, in words; empty if all are."""
     same, apart = estimate.lines - len(estimate.poses), len(estimate.poses) - used
     words = [f"{same} have the stamp of another pose"] if same else []
     if apart:
         words.append(f"{apart} have no true pose of their own within {MAX_DIFFERENCE_S:g} s")
+    if unknown:
+        words.append(f"{unknown} covariances are zero, which tells nothing")
     return ", ".join(words)
 
 

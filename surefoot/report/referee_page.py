@@ -89,7 +89,7 @@ def headline(metrics: dict[str, Any]) -> tuple[str, bool | None]:
         return "no covariances to judge", None
     if metrics["verdict"] == IN_BAND:
         return "the covariances hold", True
-    return f"{metrics['verdict']} by a factor of {_short(metrics['factor'], 1)}", False
+    return f"{metrics['verdict']} by a factor of {_short(metrics['factor'], 1)} in sigma", False
 
 
 def lines(metrics: dict[str, Any]) -> list[str]:

@@ -26,6 +26,7 @@ FLOOR = ("x", "y", "yaw")
 ITERATIONS = 20  # of Gauss-Newton; three suffice
 PER_COMPONENT = ("anees", "anees_low", "anees_high", "consistent")
 MAX_BODY_ROTATION_DEG = 10.0  # ours: beyond this the truth is that of another body than the camera
+CLEARLY = 3.0  # ours: how many times less the rotations must differ for that
 EXCITATION_RAD = 0.05  # ours: rotation about two axes needed to determine the rotation of the body
 
 
@@ -152,7 +153,10 @@ def body_rotation_deg(estimate: Trajectory, true: Trajectory) -> float | None:
     if size[1] < len(mine) * EXCITATION_RAD**2:
         return None
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
-    return float(np.degrees(Rotation.from_matrix((u * signs) @ vt).magnitude()))
+    turn = Rotation.from_matrix((u * signs) @ vt)
+    if CLEARLY * np.linalg.norm(mine - turn.apply(theirs)) > np.linalg.norm(mine - theirs):
+        return None  # errors of the rotations explain it as well
+    return float(np.degrees(turn.magnitude()))
 
 
 def aligned_consistency(

@@ -352,7 +352,7 @@ def test_a_header_tells_the_order_of_the_quaternion(tmp_path):
     np.testing.assert_allclose(read, read_trajectory(found).poses.quats_xyzw, atol=1e-12)
     np.savetxt(
         tmp_path / "first.csv", table[:, [0, 4, 5, 6, 7, 1, 2, 3]], delimiter=",",
-        header="timestamp,qx,qy,qz,qw,tx,ty,tz", comments="",
+        header="timestamp,qx,qy,qz,qw,a,b,c", comments="",
     )  # fmt: skip
     with pytest.raises(InputError, match="the header names the columns timestamp, qx"):
         read_trajectory(tmp_path / "first.csv")
@@ -650,6 +650,260 @@ def test_poses_without_stamps_need_as_many_true_poses(tmp_path):
     np.savetxt(tmp_path / "k.txt", np.tile(np.eye(4)[:3].ravel(), (7, 1)))
     with pytest.raises(InputError, match=r"has 7 poses .* has 21; without stamps"):
         judge_files(tmp_path / "k.txt", None, truth)
+
+
+# --- files as other systems write them ---
+
+
+class Localiser:
+    """Independent errors of known covariance, which differs from axis to axis and turns with the body.
+
+    Args:
+        size: How many times larger the errors are than claimed.
+        axes: Which of position and rotation have their errors in the axes of the body.
+    """
+
+    def __init__(self, size: float = 1.0, axes: tuple[bool, bool] = (False, False)) -> None:
+        rng, n = np.random.default_rng(2), 300
+        s = np.linspace(0.0, 12.0, n)
+        self.stamps = 1403636580.0 + 0.05 * np.arange(n)
+        self.true = np.column_stack([3 * np.sin(s), 2 * np.cos(0.7 * s), 0.5 * np.sin(1.3 * s)])
+        self.turns = Rotation.from_euler("zyx", np.column_stack([s, 0.4 * np.sin(s), 0.2 * s]))
+        spread = np.diag([0.05, 0.01, 0.02, 0.004, 0.02, 0.01])
+        spread[1, 0], spread[2, 1], spread[5, 4] = 0.01, 0.01, 0.01
+        self.own = spread @ spread.T
+        e = size * rng.normal(size=(n, 6)) @ spread.T
+        moved, turned = (
+            self.turns.apply(part) if body else part
+            for part, body in zip((e[:, :3], e[:, 3:]), axes, strict=True)
+        )
+        self.positions = self.true + moved
+        self.found = Rotation.from_rotvec(turned) * self.turns
+
+    @property
+    def rows(self) -> np.ndarray:
+        """x, y, z, qx, qy, qz, qw."""
+        return np.column_stack([self.positions, self.found.as_quat()])
+
+    def truth(self, folder: Path) -> Path:
+        """TUM."""
+        table = np.column_stack([self.stamps, self.true, self.turns.as_quat()])
+        np.savetxt(folder / "true.txt", table, fmt="%.9f")
+        return folder / "true.txt"
+
+    def tum(self, folder: Path) -> Path:
+        np.savetxt(folder / "tum.txt", np.column_stack([self.stamps, self.rows]), fmt="%.9f")
+        return folder / "tum.txt"
+
+    def table(self, folder: Path, own: np.ndarray) -> Path:
+        """The same covariance for each pose, without names and stamps."""
+        np.savetxt(folder / "cov.csv", np.tile(own.ravel(), (len(self.rows), 1)), delimiter=",")
+        return folder / "cov.csv"
+
+
+def _ros(one: Localiser, path: Path, names: str, stamps: list[list[str]]) -> Path:
+    """A topic nav_msgs/Odometry as text: words among the numbers, the covariance of the velocity after that of the pose."""
+    pose = [f"{part}{axis}" for part, axes in (("position.", "xyz"), ("orientation.", "xyzw")) for axis in axes]  # fmt: skip
+    first = "field." if names.startswith("%") else ""
+    mark = "" if first else "_"
+    header = [names, *(f"{first}pose.pose.{one}" for one in pose)]
+    header += [
+        f"{first}{kind}.covariance{mark}{i}" for kind in ("pose", "twist") for i in range(36)
+    ]
+    cells = [f"{x:.9g}" for x in (*one.own.ravel(), *np.zeros(36))]
+    lines = [
+        ",".join([*stamp, "odom", "", *(f"{x:.9f}" for x in row), *cells])
+        for stamp, row in zip(stamps, one.rows, strict=True)
+    ]
+    path.write_text("\n".join([",".join(header), *lines]))
+    return path
+
+
+def _as_openvins(one: Localiser, folder: Path) -> Path:
+    table = np.column_stack(
+        [one.stamps, one.rows, np.tile(np.concatenate([one.own[3:, 3:][np.triu_indices(3)], one.own[:3, :3][np.triu_indices(3)]]), (len(one.rows), 1))]
+    )  # fmt: skip
+    blocks = " ".join(f"P{part}{i}{j}" for part in "rt" for i in (1, 2, 3) for j in range(i, 4))
+    path = folder / "openvins.txt"
+    np.savetxt(path, table, fmt="%.9f", header=f"timestamp(s) tx ty tz qx qy qz qw {blocks}")
+    return path
+
+
+def _as_rostopic(one: Localiser, folder: Path) -> Path:
+    names = "%time,field.header.seq,field.header.stamp,field.header.frame_id,field.child_frame_id"
+    late = [[f"{int(1e9 * t) + 4_000_000_000}", "7", f"{int(1e9 * t)}"] for t in one.stamps]
+    return _ros(one, folder / "rostopic.csv", names, late)
+
+
+def _as_bag(one: Localiser, folder: Path) -> Path:
+    names = "Time,header.seq,header.stamp.secs,header.stamp.nsecs,header.frame_id,child_frame_id"
+    late = [[f"{t + 4.0:.6f}", "7", f"{int(t)}", f"{int(1e9 * (t % 1.0))}"] for t in one.stamps]
+    return _ros(one, folder / "bag.csv", names, late)
+
+
+@pytest.mark.parametrize(
+    ("write", "axes"),
+    [
+        (_as_openvins, (False, True)),  # q = dq * q_GtoI: the error is in the axes of the body
+        (_as_rostopic, (False, False)),
+        (_as_bag, (False, False)),
+    ],
+)
+@pytest.mark.parametrize("size", [0.5, 1.0, 2.0])
+def test_poses_and_covariances_are_read_by_the_names_that_a_system_gives_them(
+    tmp_path, write, axes, size
+):
+    one = Localiser(size, axes)
+    path = write(one, tmp_path)
+    metrics = judge_files(path, path, one.truth(tmp_path)).metrics
+    assert metrics["matched_poses"] == len(one.rows)
+    assert metrics["sigma_factor"] == pytest.approx(size, rel=0.05)  # 1800 squares: 1.7 %
+    assert metrics["verdict"] == {0.5: TOO_CAREFUL, 1.0: IN_BAND, 2.0: TOO_SURE}[size]
+    assert "doubt" not in metrics
+    aligned = align(one.positions, one.true)
+    assert aligned is not None
+    away = np.linalg.norm(aligned.apply(one.positions) - one.true, axis=1)
+    assert metrics["ate_m"] == pytest.approx(np.sqrt(np.mean(away**2)), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("header", "before", "after"),
+    [
+        ("#timestamp x y z qx qy qz qw id", [], [1.0]),  # RTAB-Map
+        (",timestamp,x,y,z,qx,qy,qz,qw", [3.0], []),  # pandas
+        ("timestamp,p_x,p_y,p_z,q_x,q_y,q_z,q_w,v_x,v_y,v_z", [], [0.1, 0.2, 0.3]),
+    ],
+)
+def test_columns_beside_those_of_the_pose_are_left_alone(tmp_path, header, before, after):
+    one = Localiser()
+    sep = "," if "," in header else " "
+    rows = [[*before, t, *row, *after] for t, row in zip(one.stamps, one.rows, strict=True)]
+    path = tmp_path / "more.txt"
+    path.write_text("\n".join([header, *(sep.join(f"{x:.9f}" for x in row) for row in rows)]))
+    poses = read_trajectory(path).poses
+    np.testing.assert_allclose(poses.stamps, one.stamps, atol=1e-6)
+    np.testing.assert_allclose(poses.positions, one.positions, atol=1e-8)
+
+
+@pytest.mark.parametrize(("rows", "stamped"), [(3, True), (4, False), (4, True)])
+def test_matrices_are_poses_with_and_without_stamps(tmp_path, rows, stamped):
+    one = Localiser()
+    matrices = np.tile(np.eye(4), (len(one.rows), 1, 1))
+    matrices[:, :3, :3], matrices[:, :3, 3] = one.found.as_matrix(), one.positions
+    table = matrices[:, :rows].reshape(len(matrices), -1)
+    if stamped:
+        table = np.column_stack([one.stamps, table])
+    np.savetxt(tmp_path / "m.txt", table)
+    read = read_trajectory(tmp_path / "m.txt")
+    assert read.has_stamps == stamped
+    if stamped:
+        np.testing.assert_allclose(read.poses.stamps, one.stamps)
+    np.testing.assert_allclose(read.poses.positions, one.positions)
+    assert (Rotation.from_quat(read.poses.quats_xyzw) * one.found.inv()).magnitude().max() < 1e-6
+
+
+def test_an_empty_cell_does_not_move_the_numbers_after_it(tmp_path):
+    (tmp_path / "gap.csv").write_text("0,,1,2,3,0,0,0,1\n" * 6)
+    with pytest.raises(InputError, match="line 1"):
+        read_trajectory(tmp_path / "gap.csv")
+
+
+@pytest.mark.parametrize(
+    ("order", "axes", "flags"),
+    [
+        ([3, 4, 5, 0, 1, 2], (False, False), "--rotation-first"),
+        ([0, 1, 2, 3, 4, 5], (True, True), "--body-axes"),
+        ([3, 4, 5, 0, 1, 2], (True, True), "--rotation-first) and be in .* (--body-axes"),
+    ],
+)
+def test_another_order_or_other_axes_of_covariances_are_doubted_until_they_are_told(
+    tmp_path, order, axes, flags
+):
+    one = Localiser(1.0, axes)
+    files = one.tum(tmp_path), one.table(tmp_path, one.own[order][:, order]), one.truth(tmp_path)
+    asread = judge_files(*files).metrics
+    assert asread["verdict"] == TOO_SURE
+    assert all(word in asread["doubt"] for word in flags.split(" and be in .* "))
+    told = judge_files(*files, body_axes=axes[0], rotation_first=order[0] == 3).metrics
+    assert told["verdict"] == IN_BAND
+    assert "doubt" not in told
+    for size in (0.4, 0.7, 1.4, 3.0):  # claims that are wrong are not taken for another order
+        wrong = Localiser(size, axes).tum(tmp_path), *files[1:]
+        told = judge_files(*wrong, body_axes=axes[0], rotation_first=order[0] == 3).metrics
+        assert "doubt" not in told
+
+
+def test_a_drift_of_the_rotations_is_not_taken_for_a_rotated_body(tmp_path):
+    """Both trajectories are of one body; its true tilts are hardly larger than the drift."""
+    assert judge_files(*Walk(0, n=100).write(tmp_path)).metrics["matched_poses"] == 101
+
+
+def test_covariances_that_are_zero_are_left_out_and_counted(tmp_path):
+    one = Localiser()
+    table = np.tile(one.own.ravel(), (len(one.rows), 1))
+    table[100:140] = 0.0
+    np.savetxt(tmp_path / "c.csv", table, delimiter=",")
+    files = one.tum(tmp_path), tmp_path / "c.csv", one.truth(tmp_path)
+    metrics = judge_files(*files).metrics
+    assert metrics["verdict"] == IN_BAND
+    assert metrics["poses_judged"] == len(one.rows) - 40
+    assert "40 covariances are zero" in metrics["left_out"]
+    np.savetxt(tmp_path / "c.csv", 0.0 * table, delimiter=",")
+    with pytest.raises(InputError, match="every covariance is zero"):
+        judge_files(*files)
+
+
+def test_covariances_of_wheels_without_variance_of_height_and_tilt_are_planar(tmp_path):
+    rng, n = np.random.default_rng(0), 400
+    s = np.linspace(0.0, 12.0, n)
+    true = np.column_stack([np.sin(s), np.cos(0.7 * s), s])
+    found = true + rng.normal(size=(n, 3)) * [0.02, 0.01, 0.03]
+    for name, poses in (("t", true), ("f", found)):
+        quats = Rotation.from_euler("z", poses[:, 2:]).as_quat()
+        table = np.column_stack([0.1 * np.arange(n), poses[:, :2], np.zeros(n), quats])
+        np.savetxt(tmp_path / f"{name}.txt", table)
+    own = np.diag(np.square([0.02, 0.01, 0.0, 0.0, 0.0, 0.03])).ravel()
+    np.savetxt(tmp_path / "c.csv", np.tile(own, (n, 1)), delimiter=",")
+    metrics = judge_files(tmp_path / "f.txt", tmp_path / "c.csv", tmp_path / "t.txt").metrics
+    assert list(metrics["by_component"]) == ["x", "y", "yaw"]
+    assert metrics["verdict"] == IN_BAND
+
+
+def test_a_scale_that_one_camera_cannot_measure_is_named(tmp_path):
+    one = Localiser()
+    one.positions = 0.3 * one.positions
+    words = judge_files(one.tum(tmp_path), None, one.truth(tmp_path)).metrics["doubt"]
+    factor = float(words.split("positions times ")[1].split(" ")[0])
+    assert factor == pytest.approx(1.0 / 0.3, rel=0.01)
+
+
+def test_axes_of_the_other_hand_are_doubted(tmp_path):
+    one = Localiser()
+    found = one.tum(tmp_path)
+    one.true = one.true * [1.0, -1.0, 1.0]
+    assert "left-handed axes" in judge_files(found, None, one.truth(tmp_path)).metrics["doubt"]
+
+
+@pytest.mark.parametrize(
+    ("size", "words"),
+    [(2.0, "too sure by a factor of 2.0 in sigma"), (0.5, "too careful by a factor of 2.0 in sigma")],
+)  # fmt: skip
+def test_the_headline_says_that_its_factor_is_one_of_sigmas(tmp_path, size, words):
+    """The mean NEES is 24 or 1.5 of 6."""
+    one = Localiser(size)
+    files = one.tum(tmp_path), one.table(tmp_path, one.own), one.truth(tmp_path)
+    metrics = judge_files(*files).metrics
+    assert headline(metrics) == (words, False)
+    assert any(words in line for line in lines(metrics))
+
+
+def test_a_table_of_variances_without_names_is_refused_with_the_way_to_name_them(tmp_path):
+    one = Localiser()
+    cov = one.table(tmp_path, np.diag(one.own))
+    with pytest.raises(
+        InputError, match=r"6 numbers were read as the upper triangle .* name the columns"
+    ):
+        read_claims(cov, read_trajectory(one.tum(tmp_path)))
 
 
 # --- formulas ---
