@@ -229,7 +229,7 @@ def process(
     """Process RECORDING: a folder, or an .mcap, .bag, .db3 or .pcd file.
 
     \b
-    It reads recordings of `simulate --record`, ROS 1 and ROS 2 bags, TUM RGB-D, ICL-NUIM, 7-Scenes, EuRoC,
+    It reads recordings of `simulate --record`, ROS 1 and ROS 2 bags, TUM RGB-D, ETH3D, ICL-NUIM, 7-Scenes, ScanNet, EuRoC,
     KITTI, Redwood / Open3D, RealSense and Replica folders, rectified stereo pairs, organised PCD files, and any
     folder of depth images with a recording.toml. It also reads logs of wheeled robots, and localises them: MRCLAM folders (or one robot's
     Robot<n>_Odometry.dat) and Plaza .mat files. `surefoot batch process` does many.

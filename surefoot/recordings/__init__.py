@@ -1,8 +1,8 @@
 """Readers of recordings, and the writer of our own format.
 
 Read `recording` (the protocol) and `open` (choice of the reader) first. The readers of folders are `tum`,
-`icl_nuim`, `seven_scenes`, `redwood` (also Open3D's layout), `replica`, `euroc` and `plain`; `pcd` reads one
-organised point cloud. They share `folder` (the loop that reads one frame at a time and skips damaged ones),
+`icl_nuim`, `seven_scenes`, `scannet`, `redwood` (also Open3D's layout), `replica`, `stray_scanner`, `euroc` and
+`plain`; `pcd` reads one organised point cloud. They share `folder` (the loop that reads one frame at a time and skips damaged ones),
 `images`, `poses` and `description` (recording.toml, which describes a plain folder of images). `rosbag` reads ROS
 bags, with `ros_messages` and `ros_transforms`. Our own recordings are MCAP files: `codec` encodes a frame,
 `mcap_messages` maps it to Foxglove schemas, `mcap_format` writes and reads the file, even a truncated one.

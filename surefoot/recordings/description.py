@@ -46,7 +46,8 @@ encoding = "depth"          # optional; "rotated": SUN RGB-D, "kinect-disparity"
 [colour]                    # optional
 folder = "color"
 [poses]                     # optional
-file = "groundtruth.txt"    # timestamp tx ty tz qx qy qz qw
+file = "groundtruth.txt"    # timestamp tx ty tz qx qy qz qw; or for each image, in order, 7 numbers without timestamp,
+                            # the 12 of a 3x4 matrix or the 16 of a 4x4 one; or: folder = "pose", a matrix in a file each
 convention = "camera-to-world"
 axes = "optical"            # of the camera: "optical" (x right, y down, z ahead), "y-up" (x right, y up, z back: T265,
                             # OpenGL, ARKit), "body" (x ahead, y left, z up: ROS base_link)
@@ -74,7 +75,7 @@ _KEYS: dict[str, tuple[str, ...]] = {
     "depth": ("folder", "pattern", "scale_per_metre", "none", "encoding"),
     "colour": ("folder", "pattern", "camera"),
     "colour.camera": _CAMERA_KEYS,
-    "poses": ("file", "convention", "axes"),
+    "poses": ("file", "folder", "pattern", "convention", "axes"),
     "world": ("up", "floor_height"),
 }
 _BESIDE_A_LAYOUT = ("name", "scene", "calibrated", "scale_checked", "camera", "world")
@@ -118,6 +119,8 @@ class Description:
     colour_pattern: str = "*"
     colour_camera: Camera | None = None
     poses_file: str | None = None
+    poses_folder: str | None = None
+    poses_pattern: str = "*.txt"
     world_to_camera: bool = False
     R_given_optical: Float[np.ndarray, "3 3"] = field(default_factory=lambda: np.eye(3))
     calibrated: bool = False
@@ -151,8 +154,11 @@ def read_description(path: Path) -> Description:
     for key, value in flags.items():
         if not isinstance(value, bool):
             raise RecordingError(f"{path}: {key} = {value!r} must be true or false")
-    if "poses" in table and "file" not in poses:
-        raise RecordingError(f"{path}: [poses] needs file = a text file of TUM lines")
+    if "poses" in table and ("file" in poses) == ("folder" in poses):
+        raise RecordingError(
+            f"{path}: [poses] needs file = a text file of TUM lines, or of a pose for each image, or folder = a folder "
+            "with a file of one pose for each image; one of the two"
+        )
     rate = reader.number(table, "rate_hz")
     if rate is not None and rate <= 0.0:
         raise RecordingError(f"{path}: rate_hz = {rate} must be positive, frames per second")
@@ -170,6 +176,8 @@ def read_description(path: Path) -> Description:
         colour_pattern=reader.pattern(colour, "colour.pattern"),
         colour_camera=reader.camera(colour.get("camera"), "colour.camera"),
         poses_file=reader.text(poses, "poses.file"),
+        poses_folder=reader.text(poses, "poses.folder"),
+        poses_pattern=reader.pattern(poses, "poses.pattern", "*.txt"),
         world_to_camera=convention == _CONVENTIONS[1],
         R_given_optical=AXES[axes],
         **flags,
@@ -230,6 +238,7 @@ def known_layout(
     unit: DepthUnit,
     remarks: Sequence[str],
     description: Description | None,
+    colour_camera: Camera | None = None,
 ) -> FolderRecording:
     """The recording of a folder in a known layout; a description may add to its information.
 
@@ -238,7 +247,7 @@ def known_layout(
     """
     checked = description is not None and description.scale_checked
     known = complete(info, description)
-    return FolderRecording(path, known, files, camera, unit, None, remarks, checked)
+    return FolderRecording(path, known, files, camera, unit, colour_camera, remarks, checked)
 
 
 def _load(path: Path) -> dict[str, Any]:
@@ -275,9 +284,9 @@ class _Reader:
             raise RecordingError(f"{self._path}: {key} = {value!r} must be a text in quotes")
         return value
 
-    def pattern(self, table: Mapping[str, Any], key: str) -> str:
-        """A pattern of file names; all if absent."""
-        value = self.text(table, key) or "*"
+    def pattern(self, table: Mapping[str, Any], key: str, otherwise: str = "*") -> str:
+        """A pattern of file names; another one if absent."""
+        value = self.text(table, key) or otherwise
         if PurePath(value).is_absolute() or ".." in PurePath(value).parts:
             raise RecordingError(f"{self._path}: {key} = {value!r} must be below its folder")
         return value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -17,6 +18,7 @@ from perception.primitives.errors import ConfigError, RecordingError
 from perception.primitives.frame import ColourView, DepthView, Frame
 from perception.primitives.pose import Pose3
 
+from ..words import count_of
 from .images import DEPTH_ADVICE, DepthUnit, plausible, read_colour, read_depth, trusted
 from .recording import (
     DESCRIPTION_FILE,
@@ -30,6 +32,9 @@ from .recording import (
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".ppm", ".bmp")
 _UNREAD = (".exr", ".npz", ".pfm", ".hdr", ".raw", ".bin", ".dpt")
 KINECT_HZ = 30.0  # of Kinect, Xtion and rendered data sets, for layouts without stamps
+MOST_FRAMES = (
+    1_000_000  # ours: nine hours at 30 Hz; a larger number in a name is the time of a clock
+)
 AHEAD = 2  # ours: frames that a second thread decodes meanwhile
 PLAUSIBLE_M = (0.1, 20.0)  # ours: a median depth outside means a wrong depth scale, or no room
 
@@ -42,7 +47,8 @@ class FrameFiles:
         name: Name in messages.
         stamp_s: Stamp in the clock of the recording, s.
         depth, colour: Image files.
-        pose: Function that reads T_world_camera of the depth camera; None without a pose.
+        pose: Function that reads T_world_camera of the depth camera, and gives None where tracking was lost; None
+            without a pose.
         confidence: Image file with 0 where the depth is not to be used; None without one.
     """
 
@@ -50,7 +56,7 @@ class FrameFiles:
     stamp_s: float
     depth: Path
     colour: Path | None = None
-    pose: Callable[[], Pose3] | None = None
+    pose: Callable[[], Pose3 | None] | None = None
     confidence: Path | None = None
 
 
@@ -91,6 +97,7 @@ class FolderRecording:
         self.info = info
         self._remarks = list(remarks)
         self._without_colour: list[SkippedFrame] = []
+        self._lost: list[str] = []
         self._scale_checked = scale_checked
         self._path = path
         self._files = files
@@ -106,15 +113,19 @@ class FolderRecording:
 
     @property
     def remarks(self) -> list[str]:
-        """Remarks for the user, with the colour images that the latest `frames()` could not use."""
-        if not self._without_colour:
-            return list(self._remarks)
-        first = self._without_colour[0]
-        return [
-            *self._remarks,
-            f"{len(self._without_colour)} colour images cannot be used, their depth is "
-            f"(first: {first.name}, {first.reason})",
-        ]
+        """Remarks for the user, with the colour images and poses that the latest `frames()` could not use."""
+        found = list(self._remarks)
+        if self._without_colour:
+            first = self._without_colour[0]
+            found.append(
+                f"{len(self._without_colour)} colour images cannot be used, their depth is "
+                f"(first: {first.name}, {first.reason})"
+            )
+        if self._lost:
+            found.append(
+                f"{count_of(len(self._lost), 'frame')} without pose: it is not finite (first: {self._lost[0]})"
+            )
+        return found
 
     def frames(self) -> Iterator[Frame]:
         """The readable frames; a few are in memory at a time.
@@ -124,6 +135,7 @@ class FolderRecording:
         """
         skips = self._skips = SkipLog(self._path)
         self._without_colour = []
+        self._lost = []
         for files, following, reading in self._ahead():
             try:
                 skips.check_stamp(files.stamp_s, following)
@@ -133,6 +145,8 @@ class FolderRecording:
                 continue
             if fault is not None:
                 self._without_colour.append(fault)
+            if files.pose is not None and frame.T_world_camera is None:
+                self._lost.append(files.name)
             if skips.returned == 0 and not self._scale_checked:
                 assert frame.depth is not None
                 check_scale(
@@ -203,10 +217,15 @@ def depth_images(folder: Path, pattern: str = "*") -> list[Path]:
     return pictures(folder, pattern) or _files(folder, pattern, (".npy",))
 
 
-def _files(folder: Path, pattern: str, suffixes: tuple[str, ...]) -> list[Path]:
+def pose_files(folder: Path, pattern: str = "*.txt") -> list[Path]:
+    """Files of one pose each, in order of their numbers; empty without any."""
+    return _files(folder, pattern)
+
+
+def _files(folder: Path, pattern: str, suffixes: tuple[str, ...] = ()) -> list[Path]:
     if not folder.is_dir():
         return []
-    found = [p for p in folder.glob(pattern) if p.suffix.lower() in suffixes]
+    found = [p for p in folder.glob(pattern) if not suffixes or p.suffix.lower() in suffixes]
     return sorted(found, key=_natural)
 
 
@@ -231,6 +250,23 @@ def is_stamp(path: Path) -> bool:
     return re.fullmatch(r"\d+\.\d+", path.stem) is not None
 
 
+def stamps_of_names(images: Sequence[Path]) -> list[float]:
+    """Of each image, s, by its name: seconds, as 1341841278.8427.png, microseconds, as 0000002-000000033369.png, or a number.
+
+    Numbers are of frames at 30 Hz; where they do not rise, or are too large for that, the order of the images counts.
+    """
+    if all(is_stamp(image) for image in images):
+        return [float(image.stem) for image in images]
+    clocks = [re.fullmatch(r"\d+-(\d{12})", image.stem) for image in images]
+    if all(clocks):
+        return [1e-6 * int(clock[1]) for clock in clocks if clock]
+    numbers = [number for image in images if (number := number_in(image)) is not None]
+    rise = all(a < b for a, b in itertools.pairwise(numbers))
+    if len(numbers) < len(images) or not rise or max(numbers, default=0) > MOST_FRAMES:
+        numbers = list(range(len(images)))
+    return [number / KINECT_HZ for number in numbers]
+
+
 def pair(
     images: Sequence[Path],
     others: Sequence[Path],
@@ -242,16 +278,16 @@ def pair(
 
     Args:
         images: Depth images, or left images, in order.
-        others: Their colour images, or right images.
+        others: Their colour images, right images or files of poses.
         where: Folder, for messages.
         remarks: Gets the number of images without a match.
-        what: "colour image" or "right image".
+        what: "colour image", "right image" or "pose".
 
     Returns:
         None for each image without a match. Colour images that cannot be matched are left out with a remark.
 
     Raises:
-        RecordingError: Right images whose names have no unique numbers in common with those of the left ones,
+        RecordingError: Right images or poses whose names have no unique numbers in common with those of the images,
             and whose number differs.
     """
     if not others:

@@ -9,6 +9,7 @@ Source: SUN RGB-D toolbox, read3dPoints.m; Burrus (2010), Kinect calibration (di
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from jaxtyping import Float, Float32, UInt8, UInt16
 
 from perception.primitives import safe_input
 from perception.primitives.camera import Camera
-from perception.primitives.errors import ConfigError
+from perception.primitives.errors import ConfigError, RecordingError
 from perception.primitives.safe_input import MissingError, UnreadableError
 
 from ..words import count_of
@@ -198,10 +199,21 @@ def read_colour(path: Path, camera: Camera) -> UInt8[np.ndarray, "h w 3"]:
     return image.astype(np.uint8, copy=False)
 
 
-def image_size(path: Path) -> tuple[int, int]:
-    """Width and height of an image, px; FrameError if it cannot be read."""
-    height, width = _read("depth", path, cv2.IMREAD_UNCHANGED).shape[:2]
-    return width, height
+def first_size(where: Path, images: Sequence[Path], what: str = "depth") -> tuple[int, int]:
+    """Width and height of the first image that can be read, px, for layouts that do not record them.
+
+    Raises:
+        RecordingError: None can be read.
+    """
+    reason = f"no {what} image found"
+    for image in images:
+        try:
+            height, width = _read(what, image, cv2.IMREAD_UNCHANGED).shape[:2]
+        except FrameError as error:
+            reason = f"{image.name}: {error}"
+        else:
+            return width, height
+    raise RecordingError(f"{where}: no frame can be used; {reason}")
 
 
 def _read(what: str, path: Path, flags: int) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,16 +23,31 @@ from .redwood import is_redwood, open_redwood
 from .replica import is_replica, open_replica
 from .robot_log import robot_files
 from .rosbag import RosbagRecording, is_rosbag
+from .scannet import is_scannet, open_scannet
 from .seven_scenes import is_seven_scenes, open_seven_scenes
 from .stereo_pairs import has_pairs, is_stereo, open_stereo, without_calibration
 from .stray_scanner import is_stray_scanner, open_stray_scanner
 from .tum import is_tum, open_tum
 
 MCAP_NAME = "recording.mcap"
+LAYOUTS: tuple[
+    tuple[Callable[[Path], bool], Callable[[Path, Description | None], Recording]], ...
+] = (
+    (is_euroc, open_euroc),
+    (is_icl_nuim, open_icl_nuim),
+    (is_seven_scenes, open_seven_scenes),
+    (is_replica, open_replica),
+    (is_redwood, open_redwood),
+    (is_stray_scanner, open_stray_scanner),
+    (is_scannet, open_scannet),
+    (is_tum, open_tum),
+    (is_stereo, open_stereo),
+)
+"""Layouts of folders: whether a folder has it, and its reader; the first that matches counts."""
 KINDS = (
     "a run folder or .mcap file of `surefoot simulate --record`, a ROS 1 .bag, a ROS 2 bag (folder, .mcap or "
-    ".db3), a TUM RGB-D, ICL-NUIM, 7-Scenes, EuRoC, Redwood/Open3D, Replica or Stray Scanner folder, a folder of rectified stereo "
-    "pairs with the calibration of ROS, OpenCV or KITTI, an organised .pcd file, a folder of depth images with a "
+    ".db3), a TUM RGB-D, ETH3D, ICL-NUIM, 7-Scenes, ScanNet, EuRoC, Redwood/Open3D, Replica or Stray Scanner folder, a "
+    "folder of rectified stereo pairs with the calibration of ROS, OpenCV or KITTI, an organised .pcd file, a folder of depth images with a "
     "recording.toml, or (process only) the log of a wheeled robot: an MRCLAM folder or Robot<n>_Odometry.dat of one, "
     "or a Plaza .mat file"
 )
@@ -116,22 +132,9 @@ def _open_folder(path: Path, description: Description | None) -> Recording:
         return RosbagRecording(inside, description)
     if inside.is_file() and description is None:
         return _own_mcap(inside)
-    if is_euroc(path):
-        return open_euroc(path, description)
-    if is_icl_nuim(path):
-        return open_icl_nuim(path, description)
-    if is_seven_scenes(path):
-        return open_seven_scenes(path, description)
-    if is_replica(path):
-        return open_replica(path, description)
-    if is_redwood(path):
-        return open_redwood(path, description)
-    if is_stray_scanner(path):
-        return open_stray_scanner(path, description)
-    if is_tum(path):
-        return open_tum(path, description)
-    if is_stereo(path):
-        return open_stereo(path, description)
+    for recognised, opened in LAYOUTS:
+        if recognised(path):
+            return opened(path, description)
     if description is not None:
         return open_plain(path, description)  # its error names the missing table
     raise _nothing_known(path)
@@ -177,18 +180,8 @@ def holds_recording(path: Path) -> bool:
 def _looks_like_one(path: Path) -> bool:
     if path.is_file():
         return path.suffix in (".mcap", ".pcd", ".bag", ".db3") or bool(robot_files(path))
-    known = (
-        is_rosbag,
-        is_euroc,
-        is_icl_nuim,
-        is_seven_scenes,
-        is_replica,
-        is_redwood,
-        is_tum,
-        is_stereo,
-    )
     ours = (path / MCAP_NAME).is_file() or (path / DESCRIPTION_FILE).is_file()
-    return ours or any(test(path) for test in known)
+    return ours or is_rosbag(path) or any(recognised(path) for recognised, _ in LAYOUTS)
 
 
 def _nearest(path: Path) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,16 +22,22 @@ from .folder import (
     is_stamp,
     pair,
     pictures,
+    pose_files,
+    pose_lines,
 )
 from .poses import (
     ASSOCIATION_S,
     associate,
+    is_finite,
+    is_given,
     mirrored,
     numbers,
+    pose_in,
+    pose_of,
     pose_of_row,
     poses_at,
     read_lines,
-    read_tum,
+    read_trajectory,
 )
 from .recording import RecordingInfo
 
@@ -61,7 +67,7 @@ def open_plain(path: Path, description: Description) -> FolderRecording:
         remarks.append(remark)
     colours = _colours(path, description, depths, remarks)
     stamps = _stamps(path, description, depths)
-    poses = _poses(path, description, stamps, remarks)
+    poses = _poses(path, description, depths, stamps, remarks)
     files = [
         FrameFiles(depth.name, float(stamp), depth, colour, pose)
         for depth, stamp, colour, pose in zip(depths, stamps, colours, poses, strict=True)
@@ -69,7 +75,7 @@ def open_plain(path: Path, description: Description) -> FolderRecording:
     info = RecordingInfo(
         name=description.name or path.resolve().name,
         kind="plain",
-        poses_given=any(pose is not None for pose in poses),
+        poses_given=any(map(is_given, poses)),
         frames=len(files),
         scene=description.scene,
         gravity_up_world=_up(description),
@@ -168,36 +174,74 @@ def _stamps(path: Path, description: Description, depths: list[Path]) -> Float[n
 
 
 def _poses(
-    path: Path, description: Description, stamps: Float[np.ndarray, "n"], remarks: list[str]
-) -> list[Callable[[], Pose3] | None]:
-    """Poses by time if there are stamps, else line k for frame k."""
+    path: Path,
+    description: Description,
+    depths: list[Path],
+    stamps: Float[np.ndarray, "n"],
+    remarks: list[str],
+) -> Sequence[Callable[[], Pose3 | None] | None]:
+    """Poses of files by the number in their names, of lines with stamps by time, else of line k for frame k."""
+    if description.poses_folder is not None:
+        folder = path / description.poses_folder
+        files = pose_files(folder, description.poses_pattern)
+        if not files:
+            raise RecordingError(
+                f"{folder}: no file matches {description.poses_pattern!r}; check [poses] in {description.path}"
+            )
+        return [
+            None if file is None else partial(_pose, description, partial(pose_in, file))
+            for file in pair(depths, files, folder, remarks, "pose")
+        ]
     if description.poses_file is None:
         return [None] * len(stamps)
     source = path / description.poses_file
-    pose_stamps, rows = read_tum(source)
+    pose_stamps, rows = read_trajectory(source)
+    if pose_stamps is None:
+        return [
+            partial(_pose, description, partial(pose_of, rows[line]))
+            for line in pose_lines(depths, len(rows), source)
+        ]
     if description.stamps is not None:
-        poses = poses_at(stamps, pose_stamps, lambda row: _pose(description, rows[row]))
-        unmatched = poses.count(None)
-        if unmatched == len(stamps):
-            raise RecordingError(
-                f"{source}: no pose within {ASSOCIATION_S} s of any frame: poses span "
-                f"{pose_stamps.min():.3f} to {pose_stamps.max():.3f} s, frames {stamps.min():.3f} to "
-                f"{stamps.max():.3f} s; check that both use one clock"
-            )
-        if unmatched:
-            remarks.append(f"{unmatched} of {len(stamps)} depth images have no pose within 0.02 s")
-        return poses
+        return _by_time(description, source, stamps, pose_stamps, rows, remarks)
     if len(rows) != len(stamps):
         raise RecordingError(
             f"{source}: {len(rows)} poses for {len(stamps)} depth images; one per image was expected, or "
             "stamps to associate them by time"
         )
-    return [partial(_pose, description, row) for row in rows]
+    return [partial(_pose, description, partial(pose_of, row)) for row in rows]
 
 
-def _pose(description: Description, row: tuple[float, ...]) -> Pose3:
+def _by_time(
+    description: Description,
+    source: Path,
+    stamps: Float[np.ndarray, "n"],
+    pose_stamps: Float[np.ndarray, "m"],
+    rows: list[tuple[float, ...]],
+    remarks: list[str],
+) -> list[Callable[[], Pose3] | None]:
+    """Poses at the stamps of the images, of those that are finite."""
+    known = [row for row in rows if is_finite(row)]
+    known_s = pose_stamps[[is_finite(row) for row in rows]]
+    poses = poses_at(stamps, known_s, lambda row: _turned(description, pose_of_row(known[row])))
+    unmatched = poses.count(None)
+    if unmatched == len(stamps):
+        raise RecordingError(
+            f"{source}: no pose within {ASSOCIATION_S} s of any frame: poses span "
+            f"{pose_stamps.min():.3f} to {pose_stamps.max():.3f} s, frames {stamps.min():.3f} to "
+            f"{stamps.max():.3f} s; check that both use one clock"
+        )
+    if unmatched:
+        remarks.append(f"{unmatched} of {len(stamps)} depth images have no pose within 0.02 s")
+    return poses
+
+
+def _pose(description: Description, given: Callable[[], Pose3 | None]) -> Pose3 | None:
+    pose = given()
+    return None if pose is None else _turned(description, pose)
+
+
+def _turned(description: Description, given: Pose3) -> Pose3:
     """T_world_camera of optical axes."""
-    given = pose_of_row(row)
     if description.world_to_camera:
         given = given.inverse()
     if description.mirrored:

@@ -1,4 +1,4 @@
-"""Poses of recordings: TUM lines, 4x4 matrices, Redwood logs; and association by time.
+"""Poses of recordings: lines of numbers, 4x4 matrices, Redwood logs; and association by time.
 
 Poses have a clock of their own. At the stamp of an image one is interpolated: a hand turns a camera by 50 deg/s, and thus by
 .25 deg in the 5 ms to the nearest of 100 poses a second.
@@ -25,6 +25,13 @@ from .recording import FrameError
 _NORM_TOLERANCE = 0.01  # ours: four printed digits leave 1e-4
 _FLIP_Y = np.diag([1.0, -1.0, 1.0])
 ASSOCIATION_S = 0.02  # TUM's associate.py
+FORMS = {
+    7: "tx ty tz qx qy qz qw",
+    12: "the first three rows of a 4x4 matrix, as KITTI has them",
+    16: "a 4x4 matrix, row by row",
+}
+"""What the numbers of one pose are, by their count."""
+_STAMPED = {8: "timestamp tx ty tz qx qy qz qw"}
 SPACING_S = 0.1  # ours: of poses between which one is interpolated
 MOST_CANDIDATES = 50  # ours: of one stamp, on either side
 
@@ -86,6 +93,20 @@ def numbers(path: Path, line: int, words: list[str], expected: int, meaning: str
     return values
 
 
+def read_matrix(path: Path, shape: tuple[int, int]) -> np.ndarray:
+    """Read a matrix of numbers, one row per line.
+
+    Raises:
+        RecordingError: The shape is wrong, or a word is not a number.
+    """
+    rows, columns = shape
+    lines = read_lines(path)
+    if len(lines) != rows:
+        raise RecordingError(f"{path}: {len(lines)} rows; a {rows}x{columns} matrix was expected")
+    meaning = f"a row of a {rows}x{columns} matrix"
+    return np.array([numbers(path, line, words, columns, meaning) for line, words in lines])
+
+
 def read_tum(
     path: Path,
 ) -> tuple[Float[np.ndarray, "n"], list[tuple[float, ...]]]:
@@ -96,10 +117,49 @@ def read_tum(
     """
     stamps, rows = [], []
     for line, words in read_lines(path):
-        values = numbers(path, line, words, 8, "timestamp tx ty tz qx qy qz qw")
+        values = numbers(path, line, words, 8, _STAMPED[8])
         stamps.append(values[0])
         rows.append(tuple(values[1:]))
     return np.array(stamps), rows
+
+
+def read_trajectory(
+    path: Path,
+) -> tuple[Float[np.ndarray, "n"] | None, list[tuple[float, ...]]]:
+    """Poses, one a line, as printed; they are not checked. The count of numbers in the first line tells what they are.
+
+    Returns:
+        Stamps, s, or None if the lines have no stamps; and the numbers of each pose, see `FORMS`.
+
+    Raises:
+        RecordingError: The first line has another count of numbers, or a later line another one than the first.
+    """
+    lines = read_lines(path)
+    line, words = lines[0]
+    count = len(words)
+    if count in _STAMPED:
+        return read_tum(path)
+    _check_count(f"{path}, line {line}", count, _STAMPED | FORMS)
+    return None, [tuple(numbers(path, line, words, count, FORMS[count])) for line, words in lines]
+
+
+def read_pose(path: Path) -> tuple[float, ...]:
+    """The numbers of a file with one pose, in one line or several, see `FORMS`.
+
+    Raises:
+        RecordingError: The count is another one, or a word is not a number.
+    """
+    found: list[float] = []
+    for line, words in read_lines(path):
+        found += numbers(path, line, words, len(words), "the numbers of a pose")
+    _check_count(str(path), len(found), FORMS)
+    return tuple(found)
+
+
+def _check_count(where: str, count: int, forms: dict[int, str]) -> None:
+    if count not in forms:
+        known = "; ".join(f"{number}: {meaning}" for number, meaning in sorted(forms.items()))
+        raise RecordingError(f"{where}: {count} numbers; expected {known}")
 
 
 def read_log(path: Path) -> list[Float[np.ndarray, "4 4"]]:
@@ -144,6 +204,45 @@ def pose_of_matrix(matrix: Float[np.ndarray, "4 4"]) -> Pose3:
         return Pose3.from_matrix(matrix)
     except InputError as error:
         raise FrameError(str(error)) from error
+
+
+def is_finite(values: tuple[float, ...]) -> bool:
+    """Whether all numbers of a pose are finite; where tracking was lost, trajectories have -inf or NaN."""
+    return all(map(math.isfinite, values))
+
+
+def pose_of(values: tuple[float, ...]) -> Pose3 | None:
+    """A pose from its 7, 12 or 16 numbers, see `FORMS`; None if they are not finite, since tracking was lost.
+
+    Raises:
+        FrameError: The quaternion does not have unit length, or the matrix is not a rigid transform.
+    """
+    if not is_finite(values):
+        return None
+    if len(values) == 7:
+        return pose_of_row(values)
+    return pose_of_matrix(np.array([*values, 0.0, 0.0, 0.0, 1.0][:16]).reshape(4, 4))
+
+
+def pose_in(path: Path) -> Pose3 | None:
+    """The pose in a file of its own; None as of `pose_of`.
+
+    Raises:
+        FrameError: The file does not hold one pose, or it is invalid.
+    """
+    try:
+        values = read_pose(path)
+    except RecordingError as error:
+        raise FrameError(f"pose file{str(error).removeprefix(str(path))}") from error
+    return pose_of(values)
+
+
+def is_given(pose: Callable[[], Pose3 | None] | None) -> bool:
+    """Whether an image has a pose that can be used."""
+    try:
+        return pose is not None and pose() is not None
+    except FrameError:
+        return False
 
 
 def mirrored(pose: Pose3) -> Pose3:

@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError, SurefootError
 from perception.primitives.frame import Frame
 from perception.primitives.landmark import Landmark
@@ -34,8 +35,8 @@ class RecordingInfo:
 
     Args:
         name: Name in titles and tables.
-        kind: Format: "mcap", "rosbag", "tum", "icl_nuim", "seven_scenes", "redwood", "replica", "euroc",
-            "stereo", "plain" or "pcd"; "simulation" for a live run.
+        kind: Format: "mcap", "rosbag", "tum", "icl_nuim", "seven_scenes", "redwood", "replica", "scannet",
+            "stray_scanner", "euroc", "stereo", "plain" or "pcd"; "simulation" for a live run.
         poses_given: Whether frames have `T_world_camera`.
         frames: Number of frames, readable or not; None if unknown.
         landmarks: Known landmarks, world frame.
@@ -223,7 +224,11 @@ def odd_intrinsics(frame: Frame) -> str:
     view = frame.depth or frame.stereo or frame.colour
     if view is None:
         return ""
-    camera = view.camera
+    return odd_camera(view.camera)
+
+
+def odd_camera(camera: Camera) -> str:
+    """A remark on the intrinsics of a camera, see `odd_intrinsics`."""
     aside = [(camera.cx + 0.5) / camera.width, (camera.cy + 0.5) / camera.height]
     ratio = camera.fx / camera.fy
     if all(abs(one - 0.5) <= OFF_CENTRE for one in aside) and 1 / UNEQUAL <= ratio <= UNEQUAL:

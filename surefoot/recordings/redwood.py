@@ -14,9 +14,7 @@ Source: Choi et al., CVPR 2015; open3d.org, RGBD data sets and PinholeCameraIntr
 from __future__ import annotations
 
 import contextlib
-import itertools
 import re
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,16 +28,14 @@ from perception.primitives.safe_input import UnreadableError
 
 from .description import Description, known_layout
 from .folder import (
-    KINECT_HZ,
     FolderRecording,
     FrameFiles,
     camera_of,
     depth_images,
-    is_stamp,
-    number_in,
     pair,
     pictures,
     pose_lines,
+    stamps_of_names,
 )
 from .images import DepthUnit
 from .poses import pose_of_matrix, read_log
@@ -48,9 +44,6 @@ from .recording import RecordingInfo
 _COLOUR_FOLDERS = ("color", "image", "rgb", "colour")
 _INTRINSICS = re.compile(r'"(?:intrinsic_matrix|ppx)"')
 _PARTS = ("depth", "intrinsic", "intrinsics", "color", "colour")
-MOST_FRAMES = (
-    1_000_000  # ours: nine hours at 30 Hz; a larger number in a name is the time of a clock
-)
 Lens = tuple[float, float, float, float, float]
 NO_LENS: Lens = (0.0, 0.0, 0.0, 0.0, 0.0)
 _NO_ROLL = 1e-6  # sine of the roll of a rendered camera, printed with 16 digits
@@ -86,7 +79,7 @@ def open_redwood(path: Path, description: Description | None = None) -> FolderRe
             partial(pose_of_matrix, matrices[lines[i]]) if matrices else None,
         )
         for i, (depth, colour, stamp_s) in enumerate(
-            zip(depths, matches, _stamps(depths), strict=True)
+            zip(depths, matches, stamps_of_names(depths), strict=True)
         )
     ]
     info = RecordingInfo(
@@ -97,23 +90,6 @@ def open_redwood(path: Path, description: Description | None = None) -> FolderRe
         gravity_up_world=(0.0, 1.0, 0.0) if _rendered_upright(matrices) else None,
     )
     return known_layout(path, info, files, camera, unit, remarks, description)
-
-
-def _stamps(depths: Sequence[Path]) -> list[float]:
-    """Of each image, s, by its name: seconds, as 1341841278.8427.png, microseconds, as 0000002-000000033369.png, or a number.
-
-    Numbers are of frames at 30 Hz; where they do not rise, or are too large for that, the order of the images counts.
-    """
-    if all(is_stamp(depth) for depth in depths):
-        return [float(depth.stem) for depth in depths]
-    clocks = [re.fullmatch(r"\d+-(\d{12})", depth.stem) for depth in depths]
-    if all(clocks):
-        return [1e-6 * int(clock[1]) for clock in clocks if clock]
-    numbers = [number for depth in depths if (number := number_in(depth)) is not None]
-    rise = all(a < b for a, b in itertools.pairwise(numbers))
-    if len(numbers) < len(depths) or not rise or max(numbers, default=0) > MOST_FRAMES:
-        numbers = list(range(len(depths)))
-    return [number / KINECT_HZ for number in numbers]
 
 
 def _intrinsics_files(path: Path) -> list[Path]:

@@ -11,8 +11,6 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from perception.primitives import safe_input
 from perception.primitives.errors import ConfigError, RecordingError
 
@@ -28,7 +26,7 @@ from .folder import (
     pose_lines,
 )
 from .images import DepthUnit
-from .poses import numbers, pose_of_matrix, read_lines
+from .poses import pose_of, read_trajectory
 from .recording import RecordingInfo
 
 
@@ -60,11 +58,7 @@ def open_replica(path: Path, description: Description | None = None) -> FolderRe
     depths = pictures(images, "depth*.png")
     remarks: list[str] = []
     matches = pair(depths, pictures(images, "frame*"), path, remarks)
-    meaning = "a camera-to-world matrix, row by row"
-    rows = [
-        np.array(numbers(path / "traj.txt", line, words, 16, meaning)).reshape(4, 4)
-        for line, words in read_lines(path / "traj.txt")
-    ]
+    _, rows = read_trajectory(path / "traj.txt")
     lines = pose_lines(depths, len(rows), path / "traj.txt")
     files = [
         FrameFiles(
@@ -72,7 +66,7 @@ def open_replica(path: Path, description: Description | None = None) -> FolderRe
             (number_in(depth) or 0) / KINECT_HZ,
             depth,
             colour,
-            partial(pose_of_matrix, rows[line]),
+            partial(pose_of, rows[line]),
         )
         for depth, colour, line in zip(depths, matches, lines, strict=True)
     ]

@@ -28,8 +28,8 @@ from .folder import (
     number_in,
     pictures,
 )
-from .images import DepthUnit, image_size
-from .poses import numbers, pose_of_matrix, read_lines
+from .images import DepthUnit, first_size
+from .poses import pose_of_matrix, read_matrix
 from .recording import FrameError, RecordingInfo
 
 UNIT = DepthUnit(1000.0, (0, 65535))
@@ -93,7 +93,7 @@ def _camera(
 ) -> Camera:
     if description is not None and description.camera is not None:
         return description.camera
-    width, height = _first_size(path, depths)
+    width, height = first_size(path, depths)
     source = _beside(path, "camera-intrinsics.txt")
     if source is None:
         remarks.append("no camera-intrinsics.txt: 585 585 320 240 of the data set's page are used")
@@ -102,17 +102,6 @@ def _camera(
     return camera_of(
         source, width=width, height=height, fx=k[0, 0], fy=k[1, 1], cx=k[0, 2], cy=k[1, 2]
     )
-
-
-def _first_size(path: Path, depths: list[Path]) -> tuple[int, int]:
-    """Size of the first readable image, because the layout does not record it."""
-    reason = "no depth image found"
-    for depth in depths:
-        try:
-            return image_size(depth)
-        except FrameError as error:
-            reason = f"{depth.name}: {error}"
-    raise RecordingError(f"{path}: no frame can be used; {reason}")
 
 
 def _up(path: Path) -> tuple[float, float, float] | None:
@@ -132,17 +121,3 @@ def _up(path: Path) -> tuple[float, float, float] | None:
 def _beside(path: Path, name: str) -> Path | None:
     places = (path / name, path.resolve().parent / name)
     return next((place for place in places if place.is_file()), None)
-
-
-def read_matrix(path: Path, shape: tuple[int, int]) -> np.ndarray:
-    """Read a matrix of numbers, one row per line.
-
-    Raises:
-        RecordingError: The shape is wrong, or a word is not a number.
-    """
-    rows, columns = shape
-    lines = read_lines(path)
-    if len(lines) != rows:
-        raise RecordingError(f"{path}: {len(lines)} rows; a {rows}x{columns} matrix was expected")
-    meaning = f"a row of a {rows}x{columns} matrix"
-    return np.array([numbers(path, line, words, columns, meaning) for line, words in lines])

@@ -27,7 +27,7 @@ from perception.primitives.frame import Frame, StereoView
 
 from .description import Description, complete
 from .folder import KINECT_HZ, is_stamp, pair, pictures
-from .images import image_size, read_colour
+from .images import first_size, read_colour
 from .poses import numbers, read_lines
 from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame, with_following
 from .stereo_calibration import (
@@ -222,21 +222,11 @@ def _calibration(path: Path, lefts: list[Path]) -> tuple[Camera, float, Path]:
     if ros is not None:
         return *read_rectified_pair(*ros), ros[0]
     if opencv is not None:
-        return *read_opencv_pair(opencv, *_size(path, lefts)), opencv
+        return *read_opencv_pair(opencv, *first_size(path, lefts, "left")), opencv
     if kitti is not None:
         names = _KITTI_MATRICES[lefts[0].parent.name]
-        return *read_kitti_pair(kitti, names, *_size(path, lefts)), kitti
+        return *read_kitti_pair(kitti, names, *first_size(path, lefts, "left")), kitti
     raise without_calibration(path)
-
-
-def _size(path: Path, lefts: list[Path]) -> tuple[int, int]:
-    """Width and height of the first readable image."""
-    for left in lefts:
-        try:
-            return image_size(left)
-        except FrameError:
-            continue
-    raise RecordingError(f"{path}: no left image can be read")
 
 
 def _times(path: Path, lefts: list[Path]) -> list[float | None]:

@@ -14,13 +14,12 @@ from functools import partial
 from pathlib import Path
 
 from perception.primitives.camera import Camera
-from perception.primitives.errors import RecordingError
 
 from .description import Description, known_layout
 from .folder import FolderRecording, FrameFiles, camera_of, depth_images, number_in, pictures
-from .images import DepthUnit, image_size
-from .poses import numbers, pose_of_row, read_lines
-from .recording import FrameError, RecordingInfo
+from .images import DepthUnit, first_size
+from .poses import numbers, pose_of_row, read_lines, read_matrix
+from .recording import RecordingInfo
 
 UNIT = DepthUnit(1000.0, (0,))
 VIDEO_PX = 1920  # width of ARKit's video, for which the intrinsics hold
@@ -86,15 +85,8 @@ def _rows(source: Path) -> dict[int | None, tuple[float, ...]]:
 
 def _camera(source: Path, depths: list[Path]) -> Camera:
     """Intrinsics of the depth images; pixel centres at integers."""
-    matrix = [
-        numbers(source, n, words, 3, "a row of the 3x3 matrix") for n, words in read_lines(source)
-    ]
-    if len(matrix) != 3 or not depths:
-        raise RecordingError(f"{source}: 3 rows of 3 numbers, and images in depth/, were expected")
-    try:
-        width, height = image_size(depths[0])
-    except FrameError as error:
-        raise RecordingError(f"{depths[0]}: {error}") from error
+    matrix = read_matrix(source, (3, 3))
+    width, height = first_size(source.parent / "depth", depths)
     share = width / VIDEO_PX
     (fx, _, cx), (_, fy, cy), _ = matrix
     return camera_of(

@@ -7,10 +7,13 @@ Depth of the benchmark has 5000 units per metre, and 0 without depth. The intrin
 for its three cameras; the folder name, or the comment of depth.txt that names the bag, selects the camera (freiburg1,
 fr1, ...), or a recording.toml gives them. World z is up.
 
+ETH3D adds `calibration.txt`, a line of `fx fy cx cy`, and has the same scale. Its world has no stated vertical.
+
 Recordings of other cameras have this layout too, often with millimetres. A recording.toml states their camera and, in
 a table [depth], their scale: with a wrong one a room would be five times as small.
 
-Source: Sturm et al., IROS 2012; cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats.
+Source: Sturm et al., IROS 2012; cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats; Schöps et al., CVPR 2019
+(ETH3D), and the README of BAD SLAM (calibration.txt, pixel centres at integers).
 """
 
 from __future__ import annotations
@@ -27,11 +30,21 @@ from perception.primitives.errors import RecordingError
 from perception.primitives.pose import Pose3
 
 from .description import EXAMPLE, Description, known_layout
-from .folder import FolderRecording, FrameFiles, depth_images, is_stamp, pair, pictures, pose_lines
-from .images import DepthUnit
+from .folder import (
+    FolderRecording,
+    FrameFiles,
+    camera_of,
+    depth_images,
+    is_stamp,
+    pair,
+    pictures,
+    pose_lines,
+)
+from .images import DepthUnit, first_size
 from .poses import (
     ASSOCIATION_S,
     associate,
+    numbers,
     pose_of_row,
     poses_at,
     read_comments,
@@ -47,6 +60,7 @@ CAMERAS = {
     "3": Camera(640, 480, 535.4, 539.2, 320.1, 247.6),
 }
 """Colour cameras of the benchmark's page; depth is registered to them."""
+UP = (0.0, 0.0, 1.0)
 
 
 def is_tum(path: Path) -> bool:
@@ -62,27 +76,27 @@ def open_tum(path: Path, description: Description | None = None) -> FolderRecord
         RecordingError: A list cannot be parsed, the camera is unknown, or images do not match.
     """
     remarks: list[str] = []
-    camera, unit = _camera(path, description, remarks)
     timed = (path / "depth.txt").is_file() or all(is_stamp(p) for p in depth_images(path / "depth"))
     files = _timed(path, remarks) if timed else _counted(path, remarks)
+    camera, unit, up = _camera(path, files, description, remarks)
     info = RecordingInfo(
         name=path.resolve().name,
         kind="tum",
         poses_given=any(frame.pose is not None for frame in files),
         frames=len(files),
-        gravity_up_world=(0.0, 0.0, 1.0),
+        gravity_up_world=up,
     )
     return known_layout(path, info, files, camera, unit, remarks, description)
 
 
 def _camera(
-    path: Path, description: Description | None, remarks: list[str]
-) -> tuple[Camera, DepthUnit]:
-    """Intrinsics and depth scale: those of the description, else those of the camera of the benchmark."""
+    path: Path, files: list[FrameFiles], description: Description | None, remarks: list[str]
+) -> tuple[Camera, DepthUnit, tuple[float, float, float] | None]:
+    """Intrinsics, depth scale and vertical: of the description, the camera of the benchmark, or ETH3D's calibration."""
     given = None if description is None else description.camera
     stated = None if description is None else description.unit
     if given is not None and stated is not None:
-        return given, stated
+        return given, stated, UP
     names = [f"folder name {folder.name}" for folder in (path.resolve(), path.resolve().parent)]
     if (path / "depth.txt").is_file():
         names += [f"comment {one!r} of depth.txt" for one in read_comments(path / "depth.txt")]
@@ -93,12 +107,26 @@ def _camera(
                 remarks.append(
                     f"intrinsics of camera freiburg{found[1]} of the benchmark's page, chosen by the {name}"
                 )
-            return given or CAMERAS[found[1]], stated or UNIT
+            return given or CAMERAS[found[1]], stated or UNIT, UP
+    calibration = path / "calibration.txt"
+    if calibration.is_file():
+        remarks.append(
+            f"{calibration.name} of ETH3D: its intrinsics, and {(stated or UNIT).per_metre:g} units of depth per metre"
+        )
+        return given or _of_eth3d(calibration, files), stated or UNIT, None
     raise RecordingError(
-        f"{path}: neither the folder name nor depth.txt has a TUM camera (freiburg1, freiburg2, freiburg3); "
-        f"rename the folder or put a recording.toml beside the images with its intrinsics and depth scale\n"
-        f"{_tables()}"
+        f"{path}: neither the folder name nor depth.txt has a TUM camera (freiburg1, freiburg2, freiburg3), and there is "
+        "no calibration.txt (fx fy cx cy, as of ETH3D); rename the folder or put a recording.toml beside the images with "
+        f"its intrinsics and depth scale\n{_tables()}"
     )
+
+
+def _of_eth3d(source: Path, files: list[FrameFiles]) -> Camera:
+    """The camera of a line of intrinsics, with the size of the first image."""
+    line, words = read_lines(source)[0]
+    fx, fy, cx, cy = numbers(source, line, words, 4, "fx fy cx cy")
+    size = first_size(source.parent, [frame.depth for frame in files])
+    return camera_of(source, *size, fx, fy, cx, cy)
 
 
 def _tables() -> str:

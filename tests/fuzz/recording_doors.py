@@ -65,6 +65,25 @@ def tum(folder: Path) -> None:
     (folder / "recording.toml").write_text(CAMERA + "[depth]\nscale_per_metre = 1000\nnone = [0]\n")
 
 
+def eth3d(folder: Path) -> None:
+    """As ETH3D: the layout of TUM with its intrinsics."""
+    tum(folder)
+    (folder / "recording.toml").unlink()
+    (folder / "calibration.txt").write_text("14.0 14.0 7.5 5.5\n")
+
+
+def scannet(folder: Path) -> None:
+    """As ScanNet's exporter writes them; the second frame was not tracked."""
+    for k, pose in enumerate((np.eye(4), np.full((4, 4), -np.inf), np.eye(4))):
+        pair(folder / f"depth/{20 * k}.png", folder / f"color/{20 * k}.jpg")
+        (folder / "pose").mkdir(exist_ok=True)
+        np.savetxt(folder / f"pose/{20 * k}.txt", pose, fmt="%f")
+    (folder / "intrinsic").mkdir()
+    for kind, f in (("depth", 14.0), ("color", 15.0)):
+        k = [[f, 0, 7.5, 0], [0, f, 5.5, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+        np.savetxt(folder / f"intrinsic/intrinsic_{kind}.txt", k, fmt="%f")
+
+
 def stray_scanner(folder: Path) -> None:
     """As Stray Scanner writes them."""
     for k in range(2):
@@ -114,6 +133,21 @@ def plain(folder: Path) -> None:
         pair(folder / f"depth/{k}.png", folder / f"color/{k}.png")
     (folder / "recording.toml").write_text(PLAIN + '[poses]\nfile = "poses.txt"\n')
     (folder / "poses.txt").write_text("".join(POSES.splitlines(keepends=True)[:2]))
+
+
+def poses(folder: Path) -> None:
+    """Descriptions with poses in every form: lines of 7, 12 and 16 numbers, and a file each."""
+    values = {"tx": [1.0, 2, 3, 0, 0, 0.6, 0.8], "kitti": np.eye(4)[:3], "matrix": np.eye(4)}
+    for form, value in values.items():
+        plain(folder / form)
+        np.savetxt(folder / form / "poses.txt", np.tile(np.ravel(value), (2, 1)), fmt="%g")
+    plain(folder / "files")
+    toml = folder / "files/recording.toml"
+    toml.write_text(toml.read_text().replace('file = "poses.txt"', 'folder = "pose"'))
+    (folder / "files/poses.txt").unlink()
+    (folder / "files/pose").mkdir()
+    for k in range(2):
+        np.savetxt(folder / f"files/pose/{k}.txt", np.eye(4), fmt="%g")
 
 
 def floats(folder: Path) -> None:
@@ -311,11 +345,14 @@ def logs(folder: Path) -> None:
 
 DOORS = {
     "tum": Door(tum, frames),
+    "eth3d": Door(eth3d, frames),
+    "scannet": Door(scannet, frames),
     "stray_scanner": Door(stray_scanner, frames),
     "seven_scenes": Door(seven_scenes, frames),
     "redwood": Door(redwood, frames),
     "replica": Door(replica, frames),
     "plain": Door(plain, frames),
+    "poses": Door(poses, frames_of_each("*")),
     "floats": Door(floats, frames_of_each("*")),
     "icl": Door(icl, frames),
     "euroc": Door(euroc, frames),

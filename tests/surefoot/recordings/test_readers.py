@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
 from surefoot.recordings.folder import AHEAD
 from surefoot.recordings.open import open_recording
@@ -94,6 +95,71 @@ def test_lists_and_poses_of_another_camera_go_with_its_scale(tum_listed, tmp_pat
         None,
     ]
     assert recording.info.gravity_up_world == (0.0, 0.0, 1.0)
+
+
+@pytest.fixture
+def eth3d(tum_listed, tmp_path):
+    """As TUM, with the intrinsics in a file of their own."""
+    (tum_listed / "recording.toml").unlink()
+    (tum_listed / "calibration.txt").write_text("14.5 14.25 7.25 5.75\n")
+    return shutil.move(tum_listed, tmp_path / "cables_1")
+
+
+def test_eth3d_has_its_intrinsics_and_the_scale_of_tum(eth3d):
+    recording = open_recording(eth3d)
+    frames = list(recording.frames())
+    assert [frame.stamp_s for frame in frames] == [0.5, 1.5, 2.5, 3.5]
+    for i, frame in enumerate(frames):
+        assert frame.depth.camera == Camera(16, 12, 14.5, 14.25, 7.25, 5.75)
+        np.testing.assert_allclose(frame.depth.depth, units(i) / 5000.0, rtol=1e-7)
+        assert frame.colour is not None
+    for frame in frames[:3]:  # the poses end at 2.99 s
+        np.testing.assert_allclose(frame.T_world_camera.position, (frame.stamp_s, 2.0, 3.0))
+    assert recording.info.gravity_up_world is None
+    assert (
+        "calibration.txt of ETH3D: its intrinsics, and 5000 units of depth per metre"
+        in recording.remarks
+    )
+
+
+def test_a_calibration_is_used_where_the_benchmark_has_no_camera_with_its_lens(eth3d, tmp_path):
+    for file in (eth3d / "depth").iterdir():
+        cv2.imwrite(str(file), np.full((480, 640), 9000, np.uint16))
+    (eth3d / "calibration.txt").write_text("517.3 516.5 318.6 255.3\n")
+    assert next(open_recording(eth3d).frames()).depth.camera.distortion == (0.0,) * 5
+    recording = open_recording(shutil.move(eth3d, tmp_path / "rgbd_dataset_freiburg1_desk"))
+    assert next(recording.frames()).depth.camera.distortion[0] == 0.2624
+    assert recording.info.gravity_up_world == (0.0, 0.0, 1.0)
+
+
+def test_eth3d_takes_its_size_from_the_first_image_that_can_be_read(eth3d):
+    (eth3d / "depth/0.5000.png").write_bytes(b"none")
+    recording = open_recording(eth3d)
+    assert len(list(recording.frames())) == 3
+    assert recording.skipped[0].name == "0.5000.png"
+
+
+def test_a_scale_that_is_stated_goes_before_that_of_eth3d(eth3d):
+    (eth3d / "recording.toml").write_text("[depth]\nscale_per_metre = 1000\nnone = [0]\n")
+    frame = next(open_recording(eth3d).frames())
+    assert frame.depth.camera.fx == 14.5
+    np.testing.assert_allclose(frame.depth.depth, units(0) / 1000.0, rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("14 14 7", "calibration.txt, line 1: 3 numbers, expected 4: fx fy cx cy"),
+        ("14 14 7 5 0.1", "calibration.txt, line 1: 5 numbers, expected 4: fx fy cx cy"),
+        ("# f\n14 14 x 5", "calibration.txt, line 2: 'x' is not a number; expected fx fy cx cy"),
+        ("", "calibration.txt: has no lines of data"),
+        ("0.8 0.8 7 5", "calibration.txt: camera: fx=0.8 px for an image 16 px wide"),
+    ],
+)
+def test_a_calibration_that_is_none_is_refused_by_file_and_line(eth3d, text, message):
+    (eth3d / "calibration.txt").write_text(text)
+    with pytest.raises(RecordingError, match=message):
+        open_recording(eth3d)
 
 
 def test_a_tum_folder_of_an_unknown_camera_needs_its_scale(tum_listed, tmp_path):
