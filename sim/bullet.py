@@ -24,7 +24,10 @@ def library() -> Any:
 
 
 def connect(pybullet: Any) -> int:
-    """A new client without a window. PyBullet would keep every mesh that it loads, by the name of the file."""
+    """A new client without a window. PyBullet would keep every mesh that it loads, by the name of the file.
+
+    Its EGL plugin has a copy of that list, which cannot be switched off: some 60 bytes a vertex.
+    """
     client = pybullet.connect(pybullet.DIRECT)
     pybullet.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=client)
     return int(client)
