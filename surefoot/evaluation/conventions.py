@@ -21,6 +21,7 @@ from .metrics.trajectory import LEAST_SPREAD_M, Alignment, align, distances
 QUARTERS = 4  # ours: parts of a trajectory that must agree on the offset of the clocks
 LEAST_POSES = 40  # ours: for that
 TURNS = 10  # ours: alternations of that
+ENOUGH_POSES = 10_000  # ours: for axes and body; the fit that follows corrects both
 FITS = 0.85  # ours: share of the varying rotation that an offset of the clocks leaves at most
 CLEARLY = 3.0  # F test of two variances of 15 degrees of freedom each, five poses, at .9999
 
@@ -94,9 +95,10 @@ def clock_doubt(
     seconds = (true.stamps[2:] - true.stamps[:-2])[:, None]
     rate = (turned[:-2].inv() * turned[2:]).as_rotvec() / seconds
     body = Rotation.identity()
+    few, few_turned = (one[:: 1 + len(true) // ENOUGH_POSES] for one in (mine, turned))
     for _ in range(TURNS):  # the axes, and the bodies in them
-        axes = (turned * body.inv() * mine.inv()).mean()
-        body = ((axes * mine).inv() * turned).mean()
+        axes = (few_turned * body.inv() * few.inv()).mean()
+        body = ((axes * few).inv() * few_turned).mean()
     rest = (body.inv() * (axes * mine).inv() * turned).as_rotvec()[1:-1].ravel()
     small = np.concatenate(
         [np.tile(np.eye(3), (len(rate), 1, 1)), turned[1:-1].inv().as_matrix()], 2

@@ -15,6 +15,7 @@ Source: Sturm et al. 2012 (TUM), Geiger et al. 2012 (KITTI), Burri et al. 2016 (
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,7 +89,7 @@ def read_trajectory(path: Path) -> ForeignTrajectory:
     for line, found, _ in lines:
         row = numbers_of([found[i] for i in columns]) if len(found) >= last else []
         right = kind == EUROC or len(found) == width
-        if not (row and right and np.all(np.isfinite(row))):
+        if not (row and right and all(map(math.isfinite, row))):
             raise InputError(
                 f"{path}, line {line}: {' '.join(found)[:60]!r} is not a pose; "
                 f"expected {len(columns)} finite numbers as in the lines before ({kind}); "
