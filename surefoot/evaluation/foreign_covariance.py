@@ -1,12 +1,4 @@
-"""Covariances of foreign trajectories: CSV tables, and pose graphs as g2o text.
-
-CSV: one line per pose, row by row, with or without a header and a first column of stamps (as of trajectories). The count tells
-what a line holds: 36 a full 6x6 matrix, 21 its upper triangle, over (x, y, z, rotation vector); 9 and 6 the same of a
-3x3 matrix, over (x, y, yaw) if a name of the header contains "yaw" or "theta", else over (x, y, z). Units are m and
-rad. Columns whose names in the header begin with "sigma", "std", "sd" or "var" are the standard deviations or
-variances of x, y, z (or x, y, yaw, or x, y, z, roll, pitch, yaw), without correlations. Of a table with other columns, those count whose names begin with "P_", P and a digit, "cov" or "aligned_", and those of
-`pose.covariance` of a ROS topic. `Pt11` to `Pt33` and `Pr11` to `Pr33` are 3x3 blocks as OpenVINS writes them, of the position in
-world axes and of the rotation in those of the body.
+"""Covariances of foreign trajectories: tables (`covariance_table`), and pose graphs as g2o text.
 
 The order is (position, rotation) and the axes are those of the world, as in ROS, unless told otherwise; GTSAM has
 (rotation, position) in the axes of each pose.
@@ -14,13 +6,12 @@ The order is (position, rotation) and the axes are those of the world, as in ROS
 g2o: vertices VERTEX_SE3:QUAT or VERTEX_SE2 with edges EDGE_SE3:QUAT or EDGE_SE2. The joint covariance of all vertices
 follows from the information of the edges.
 
-Source: Dellaert and Kaess (2006) (marginals of a graph); the rules for tables are ours.
+Source: Dellaert and Kaess (2006) (marginals of a graph).
 """
 
 from __future__ import annotations
 
 import itertools
-import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -33,15 +24,9 @@ from perception.primitives.errors import InputError
 
 from ..results.gauge import without_gauge
 from ..results.tables import Trajectory, text_lines
+from .covariance_table import SIZES, matrices, read_covariances
 from .foreign_graph import PoseGraph, read_g2o
-from .foreign_trajectory import (
-    ForeignTrajectory,
-    column_names,
-    data_lines,
-    numbers_of,
-    stamp_columns,
-    stamps_of,
-)
+from .foreign_trajectory import ForeignTrajectory
 from .metrics.gauge_alignment import floor_gauge, floor_transport
 from .metrics.trajectory import MAX_DIFFERENCE_S, associate
 
@@ -50,16 +35,8 @@ GROWING, INDEPENDENT, ALIGNED, GRAPH = "growing", "independent", "aligned", "gra
 UNFIT = "unfit"
 GROWS = 0.1  # ours: of a localiser the first covariance is as large as the others, of odometry it is nearly zero
 LEAST_LEFT = 2e-3  # ours: share of the variance after alignment; of errors that grow for a tenth of the poses 5e-3
-_SIZES = {36: (6, False), 21: (6, True), 9: (3, False), 6: (3, True)}
-_COVARIANCE = re.compile(r"P[_\d]|(?i:cov|.*\bpose[._/]cov)")
-_OPENVINS = [f"P{part}{i}{j}" for part in "tr" for i in (1, 2, 3) for j in range(i, 4)]
 _ROTATION_FIRST = [3, 4, 5, 0, 1, 2]
 _FLOOR, _OFF_FLOOR = [0, 1, 5], [2, 3, 4]  # x, y, yaw and z, roll, pitch
-_SPREAD = re.compile(
-    r"(?P<kind>sigma|std|stddev|sd|var|variance)_?(?P<part>.*?)(_(m|rad)2?| ?\[(m|rad)\^?2?\])?",
-    re.IGNORECASE,
-)
-_DIAGONALS = (["x", "y", "z"], ["x", "y", "yaw"], ["x", "y", "theta"], ["x", "y", "z", "roll", "pitch", "yaw"])  # fmt: skip
 _SAME_M = 1e-3  # ours: a vertex is at the pose of the trajectory that is this close
 
 WORDS = {
@@ -294,13 +271,13 @@ def read_claims(
                 f"{path} is a pose graph, whose order and axes are known; leave out --body-axes and --rotation-first"
             )
         return _of_graph(path, trajectory)
-    table = _table(path)
-    size, upper = _SIZES[table.values.shape[1]]
+    table = read_covariances(path)
+    size, upper = SIZES[table.values.shape[1]]
     if rotation_first and (size != 6 or table.openvins):
         raise InputError(f"{path} has no 6x6 covariances without names; leave out --rotation-first")
     planar = any(word in name.lower() for name in table.names for word in ("yaw", "theta"))
     kind = SPACE if size == 6 else PLANAR if planar else POSITION
-    covariances = _matrices(table.values, size, upper)
+    covariances = matrices(table.values, size, upper)
     mine, rows = _rows(path, table.stamps, len(covariances), trajectory)
     covariances = covariances[mine]
     _check(path, covariances, table.lines[mine], table.values.shape[1])
@@ -346,103 +323,6 @@ def _of_graph(path: Path, trajectory: ForeignTrajectory) -> Claims:
     return Claims(kind, GRAPH, rows, graph.covariances(every, aligned=False), graph)
 
 
-@dataclass(frozen=True)
-class _Table:
-    """Numbers of covariances, line by line.
-
-    Args:
-        stamps: If there are any, s.
-        names: Of the columns of `values`, if there are any.
-        values: As many columns as in `_SIZES`.
-        lines: Numbers of the lines in the file.
-        openvins: Whether they are the blocks of OpenVINS.
-    """
-
-    stamps: Float[np.ndarray, "n"] | None
-    names: list[str]
-    values: Float[np.ndarray, "n c"]
-    lines: Int[np.ndarray, "n"]
-    openvins: bool = False
-
-
-def _table(path: Path) -> _Table:
-    lines = data_lines(path)
-    if not lines:
-        raise InputError(f"{path} holds no covariances; expected CSV or g2o")
-    width = len(lines[0][1])
-    names = column_names(path, width)
-    spread = [i for i, name in enumerate(names) if _SPREAD.fullmatch(name)]
-    openvins = set(_OPENVINS) <= set(names)
-    chosen = [names.index(name) for name in _OPENVINS] if openvins else []
-    chosen = chosen or [i for i, name in enumerate(names) if name.startswith("aligned_")]
-    chosen = chosen or [i for i, name in enumerate(names) if _COVARIANCE.match(name)]
-    sigmas = bool(spread) and (len(spread) >= width - 1 or not chosen)
-    if sigmas:
-        timed, chosen = stamp_columns(names) or [0], spread
-    elif len(chosen) in _SIZES or openvins:
-        timed = stamp_columns(names)
-    elif width in _SIZES or width - 1 in _SIZES:
-        chosen = list(range(0 if width in _SIZES else 1, width))
-        timed = [0]
-    else:
-        raise InputError(
-            f"{path}: {width} numbers per line; expected a stamp or none, and 36 (6x6), 21 (its upper triangle), "
-            "9 (3x3) or 6 (its upper triangle), or a header that names the columns of the covariance"
-        )
-    timed = [i for i in timed if i not in chosen]
-    rows = []
-    for number, words, _ in lines:
-        row = numbers_of([words[i] for i in (*timed, *chosen)]) if len(words) == width else []
-        if not row:
-            counted = len(numbers_of(words)) or "no"
-            raise InputError(
-                f"{path}, line {number}: {counted} numbers; expected {width} as in the lines before"
-            )
-        rows.append(row)
-    table = np.array(rows)
-    stamps = stamps_of(path, table[:, : len(timed)]) if timed else None
-    values, picked = table[:, len(timed) :], [names[i] for i in chosen if names]
-    if sigmas:
-        picked, values = _of_sigmas(path, picked, values)
-    if openvins:
-        blocks = _matrices(values.reshape(-1, 6), 3, True).reshape(-1, 2, 3, 3)
-        both = np.zeros((len(values), 6, 6))
-        both[:, :3, :3], both[:, 3:, 3:] = blocks[:, 0], blocks[:, 1]
-        values = both.reshape(-1, 36)
-    return _Table(stamps, picked, values, np.array([line[0] for line in lines]), openvins)
-
-
-def _of_sigmas(
-    path: Path, names: list[str], values: Float[np.ndarray, "n c"]
-) -> tuple[list[str], Float[np.ndarray, "n k"]]:
-    """Names and upper triangles of the covariances of columns of standard deviations or variances."""
-    spreads = [_SPREAD.fullmatch(name) for name in names]
-    parts = [one["part"].lower() for one in spreads if one]
-    if parts not in _DIAGONALS:
-        raise InputError(
-            f"{path}: the header names the columns {', '.join(names)}; of standard deviations or variances "
-            "x, y, z (m), or x, y, yaw, or x, y, z, roll, pitch, yaw (rad) were expected; rename or reorder the columns"
-        )
-    squared = [
-        values[:, i] if one["kind"].lower().startswith("var") else values[:, i] ** 2
-        for i, one in enumerate(one for one in spreads if one)
-    ]
-    found = np.zeros((len(values), len(parts), len(parts)))
-    found[:, range(len(parts)), range(len(parts))] = np.stack(squared, axis=1)
-    return parts, found[:, *np.triu_indices(len(parts))]
-
-
-def _matrices(
-    values: Float[np.ndarray, "n c"], size: int, upper: bool
-) -> Float[np.ndarray, "n k k"]:
-    if not upper:
-        return values.reshape(-1, size, size)
-    found = np.zeros((len(values), size, size))
-    rows, columns = np.triu_indices(size)
-    found[:, rows, columns] = found[:, columns, rows] = values
-    return found
-
-
 def _rows(
     path: Path, stamps: Float[np.ndarray, "n"] | None, count: int, trajectory: ForeignTrajectory
 ) -> tuple[Int[np.ndarray, "k"], Int[np.ndarray, "k"]]:
@@ -480,7 +360,7 @@ def _check(
         bad = least < -1e-6 * scale
     if bad.any():
         first = int(np.flatnonzero(bad)[0])
-        size, upper = _SIZES[count]
+        size, upper = SIZES[count]
         raise InputError(
             f"{path}, line {lines[first]}: covariance {first} (counted from 0) is not finite, symmetric and positive; "
             f"{count} numbers were read as {'the upper triangle of ' * upper}a {size}x{size} matrix row by row, m and rad; "

@@ -1,7 +1,8 @@
 """Pose graphs as g2o text, and the covariances that follow from the information of their edges.
 
 The information of an edge is in the axes of its later pose, over (position, rotation vector), as GTSAM and
-`surefoot map` write it; g2o itself takes it over (position, vector part of the quaternion), which is half as large. The vertices are taken for the solution of the graph.
+`surefoot map` write it; g2o itself takes it over (position, vector part of the quaternion), which is half as large. The
+vertices are taken for the solution of the graph.
 
 Source: Kümmerle et al. 2011 (the format); Dellaert and Kaess (2006) (marginals).
 """
