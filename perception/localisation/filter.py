@@ -184,8 +184,9 @@ class PoseFilter:
         self.process_noise = noise
         if odometry is None:
             self._recent.clear()
-        turn = Pose2(yaw=yaw).lifted().rotation
-        self._recent.move(motion, turn.T @ noise[:3, :3] @ turn)
+        elif self._frames_rejected > 0:
+            turn = Pose2(yaw=yaw).lifted().rotation
+            self._recent.move(motion, turn.T @ noise[:3, :3] @ turn)
         if turn_rad is not None:
             self._ukf.update_turn(turn_rad, sigma_rad, dt)
 

@@ -2,9 +2,9 @@
 
 Read `recording` (the protocol) and `open` (choice of the reader) first. The readers of folders are `tum`,
 `icl_nuim`, `seven_scenes`, `scannet`, `redwood` (also Open3D's layout), `replica`, `stray_scanner`, `euroc` and
-`plain`; `pcd` reads one organised point cloud. They share `folder` (the loop that reads one frame at a time and skips damaged ones),
-`images`, `poses` and `description` (recording.toml, which describes a plain folder of images). `rosbag` reads ROS
-bags, with `ros_messages` and `ros_transforms`. Our own recordings are MCAP files: `codec` encodes a frame,
+`plain`; `pcd` reads one organised point cloud. They share `folder` (the loop that reads one frame at a time and skips
+damaged ones), `images`, `poses` and `description` (recording.toml, which describes a plain folder of images). `rosbag`
+reads ROS bags, with `ros_messages` and `ros_transforms`. Our own recordings are MCAP files: `codec` encodes a frame,
 `mcap_messages` maps it to Foxglove schemas, `mcap_format` writes and reads the file, even a truncated one.
 
 `mrclam` (robots among landmarks) and `plaza` (a mower among radio beacons) read logs without depth, for

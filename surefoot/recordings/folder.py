@@ -32,9 +32,7 @@ from .recording import (
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".ppm", ".bmp")
 _UNREAD = (".exr", ".npz", ".pfm", ".hdr", ".raw", ".bin", ".dpt")
 KINECT_HZ = 30.0  # of Kinect, Xtion and rendered data sets, for layouts without stamps
-MOST_FRAMES = (
-    1_000_000  # ours: nine hours at 30 Hz; a larger number in a name is the time of a clock
-)
+MOST_FRAMES = 1_000_000  # ours: nine hours at 30 Hz; larger numbers in names are times
 AHEAD = 2  # ours: frames that a second thread decodes meanwhile
 PLAUSIBLE_M = (0.1, 20.0)  # ours: a median depth outside means a wrong depth scale, or no room
 
