@@ -8,6 +8,7 @@ that nobody takes what it cannot see for free.
 
 from __future__ import annotations
 
+import math
 import zlib
 from dataclasses import dataclass, replace
 from typing import Any
@@ -91,6 +92,8 @@ class PictureWatch:
         width = image.shape[1]
         if max(first, width - last) < BLIND_SHARE * width:
             return view, ""
+        centre = min(max(view.camera.cx, 0.0), width - 1.0)  # a camera's picture reaches there
+        first, last = min(first, math.ceil(centre)), max(last, math.floor(centre) + 1)
         return (view if name == "depth" else cut(view, first, last)), "half blind"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from perception.monitoring.pictures import PictureWatch, cut
 from perception.monitoring.status import SLOW, STAND, Doubt
@@ -86,6 +87,22 @@ def test_a_half_blind_picture_becomes_that_of_a_narrower_camera():
     point = np.array([[0.3, 0.1, 2.0]])
     whole, half = CAMERA.project(point)[0], after.tof.camera.project(point)[0]
     np.testing.assert_allclose(half, whole - [32, 0])
+
+
+@pytest.mark.parametrize("columns", [slice(0, 5), slice(59, 64), slice(31, 33)])
+def test_a_picture_with_a_strip_of_content_keeps_it_and_its_directions(columns):
+    watch, view = PictureWatch(), seen(np.random.default_rng(1))
+    view.range_m[:, : columns.start] = np.nan
+    view.range_m[:, columns.stop :] = np.nan
+    after, doubts = watch.check(Frame(0.0, tof=view))
+    assert doubts == [Doubt("tof half blind", SLOW)]
+    found = np.flatnonzero(np.isfinite(after.tof.range_m).any(axis=0))
+    assert len(found) == columns.stop - columns.start
+    kept = after.tof.range_m[:, found[0] : found[-1] + 1]
+    np.testing.assert_array_equal(kept, view.range_m[:, columns])
+    moved = view.camera.cx - after.tof.camera.cx
+    assert found[0] + moved == columns.start
+    assert after.tof.camera.fx == view.camera.fx
 
 
 def test_a_few_blind_columns_are_no_fault():
