@@ -20,7 +20,9 @@ MOST_SIGMA = 1e3  # of a truth, m or deg; with more it is none
 @click.command()
 @click.argument("run", type=PATH, required=False)
 @click.option(
-    "--truth", type=PATH, help="True trajectory (TUM, KITTI, EuRoC); default the run's truth/."
+    "--truth",
+    type=PATH,
+    help="True trajectory (TUM, KITTI, EuRoC; with --trajectory also stamp x y z); default the run's truth/.",
 )
 @click.option(
     "--trajectory",

@@ -44,6 +44,8 @@ def doubt(
         (estimate, _inverted(found), true.positions),
         (truth, found.positions, _inverted(true)),
     ):
+        if not file.has_rotations:
+            continue
         inverted_m = _error_m(mine, theirs)
         if CLEARLY * inverted_m < error_m:
             return (
@@ -89,7 +91,8 @@ def clock_doubt(
 
     Source: ours.
     """
-    if not (estimate.has_stamps and truth.has_stamps) or len(true) < LEAST_POSES:
+    whole = all(file.has_stamps and file.has_rotations for file in (estimate, truth))
+    if not whole or len(true) < LEAST_POSES:
         return ""
     mine, turned = (Rotation.from_quat(one.quats_xyzw) for one in (found, true))
     seconds = (true.stamps[2:] - true.stamps[:-2])[:, None]
@@ -126,6 +129,8 @@ def _order(
     aligned: Alignment,
 ) -> str:
     """The doubt about quaternions whose scalar part is on the other side."""
+    if not (estimate.has_rotations and truth.has_rotations):
+        return ""
     read_rad = _varies_rad(aligned, found.quats_xyzw, true.quats_xyzw)
     mine, theirs = _reordered(estimate, found), _reordered(truth, true)
     better = [

@@ -74,6 +74,7 @@ class Claims:
         given: As in the file, if the file does not tell their order and axes.
         body_axes, rotation_first: How these were read.
         unknown: Number of covariances that are zero, which tells nothing.
+        by_positions: Positions alone are compared, and were aligned.
     """
 
     kind: str
@@ -85,6 +86,26 @@ class Claims:
     body_axes: bool = False
     rotation_first: bool = False
     unknown: int = 0
+    by_positions: bool = False
+
+    @property
+    def compared(self) -> str:
+        """Of which errors the methods below give covariances: `kind`, or `POSITION` if positions alone are compared."""
+        return POSITION if self.by_positions else self.kind
+
+    def of_positions(self) -> Claims:
+        """The claims about positions alone, for a trajectory or a truth without rotations.
+
+        Raises:
+            InputError: They are those of a pose graph, or over (x, y, yaw).
+        """
+        if self.graph is not None or self.kind == PLANAR:
+            of = "a pose graph" if self.graph is not None else "covariances over (x, y, yaw)"
+            raise InputError(
+                f"{of} cannot be compared with a trajectory without rotations; give covariances over (x, y, z) "
+                "or (x, y, z, rotation vector)"
+            )
+        return replace(self, by_positions=True)
 
     def read_as(self, poses: Trajectory, body_axes: bool, rotation_first: bool) -> Claims:
         """The covariances of the file by this convention."""
@@ -125,7 +146,8 @@ class Claims:
         self, poses: Trajectory, chosen: Int[np.ndarray, "m"], same_axes: bool
     ) -> Float[np.ndarray, "m k k"]:
         """Covariances of the errors of some of the rows, after rigid alignment over them unless in the `same_axes`."""
-        return self.covariances[chosen] if same_axes else self.left(poses, chosen)
+        found = self.covariances[chosen] if same_axes else self.left(poses, chosen)
+        return found[:, :3, :3] if self.by_positions else found
 
     def left(self, poses: Trajectory, chosen: Int[np.ndarray, "m"]) -> Float[np.ndarray, "m k k"]:
         """Covariances of the errors that remain after rigid alignment over some of the rows.
@@ -167,7 +189,14 @@ class Claims:
         """Jacobians of the rigid alignment, as `rigid_alignment` gives them."""
         if self.kind == PLANAR:
             return floor_gauge(positions[:, :2])
-        return (rigid_alignment if self.kind == SPACE else position_gauge)(positions)
+        if self.kind == POSITION:
+            return position_gauge(positions)
+        moves, best = rigid_alignment(positions)
+        if self.by_positions:
+            best = np.concatenate(
+                [position_gauge(positions)[1], np.zeros((len(positions), 6, 3))], 2
+            )
+        return moves, best
 
     def together(
         self, poses: Trajectory, chosen: Int[np.ndarray, "m"], aligned: bool
@@ -196,7 +225,7 @@ class Claims:
                 -1, n * k
             )
             joint = (kept @ joint.reshape(n * k, n * k) @ kept.T).reshape(n, k, n, k)
-        return joint
+        return joint[:, :3, :, :3] if self.by_positions else joint
 
     def carry(self, positions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n k k"]:
         """Maps from an error at the origin to the error at each position; one for positions alone."""
@@ -216,8 +245,8 @@ class Claims:
     ) -> tuple[Float[np.ndarray, "j k"], Float[np.ndarray, "j k k"]] | None:
         """Errors of the motions between poses `lag` apart, one after the other, and their covariances.
 
-        None unless errors accumulate and claims are complete: only then are those of motions independent, and their
-        covariances known.
+        None unless errors accumulate, and claims and errors are complete: only then are those of motions independent,
+        and their covariances known.
 
         Args:
             poses: The trajectory.
@@ -226,7 +255,7 @@ class Claims:
             lag: Number of poses from one to the next.
             truth: Covariance of a true pose.
         """
-        if self.shared != GROWING or not self.complete:
+        if self.shared != GROWING or not self.complete or self.by_positions:
             return None
         at = np.arange(0, len(chosen), lag)
         carry = self.carry(poses.positions[self.rows[chosen[at]]])
@@ -263,8 +292,13 @@ def read_claims(
         rotation_first: They are over (rotation vector, x, y, z), not over (x, y, z, rotation vector).
 
     Raises:
-        InputError: The file is in neither format, does not belong to the trajectory, or a matrix is no covariance.
+        InputError: The file is in neither format, does not belong to the trajectory, or a matrix is no covariance; or
+            `body_axes` of a trajectory without rotations.
     """
+    if body_axes and not trajectory.has_rotations:
+        raise InputError(
+            f"{trajectory.source} has no rotations, so that the axes of its poses are unknown; leave out --body-axes"
+        )
     if any(line.startswith(("VERTEX_", "EDGE_")) for line in text_lines(path)):
         if body_axes or rotation_first:
             raise InputError(

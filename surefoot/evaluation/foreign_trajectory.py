@@ -6,6 +6,7 @@
 | KITTI | the 12 numbers of a 3x4 matrix, row by row, or the 16 of a 4x4 one | none: the number of the line |
 | KITTI with stamps | the same after a stamp | as of TUM |
 | EuRoC | stamp, tx, ty, tz, qw, qx, qy, qz and further columns, with commas | ns |
+| positions | stamp x y z, or as a header of four names says: without rotations | as of TUM |
 | named columns | a header names the columns of stamp, position and quaternion, as of ROS topics and OpenVINS | as of TUM |
 
 Where a header names the columns of the quaternion, names count and not the order.
@@ -30,7 +31,7 @@ from ..results.tables import FARTHEST_M, Trajectory, text_lines
 from .metrics.trajectory import MAX_DIFFERENCE_S, associate
 
 TUM, KITTI, EUROC = "TUM", "KITTI", "EuRoC"
-STAMPED, NAMED = "KITTI with stamps", "named columns"
+STAMPED, NAMED, POSITIONS = "KITTI with stamps", "named columns", "positions"
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 SINCE_1970_S = (9e8, 5e9)  # years 1998 to 2128
 SPACING_S = (1e-3, 10.0)  # ours: of poses, on a clock that began elsewhere
@@ -51,8 +52,9 @@ class ForeignTrajectory:
 
     Args:
         source: Path of the file.
-        format: `TUM`, `KITTI`, `STAMPED`, `EUROC` or `NAMED`.
-        poses: In order of time; without stamps in the file these are the numbers of the lines.
+        format: `TUM`, `KITTI`, `STAMPED`, `EUROC`, `NAMED` or `POSITIONS`.
+        poses: In order of time; without stamps in the file these are the numbers of the lines. Without rotations in the
+            file these are one.
         rows: Which line of data each pose is.
         lines: Number of lines of data.
     """
@@ -68,6 +70,11 @@ class ForeignTrajectory:
         """Whether the file holds stamps."""
         return self.format != KITTI
 
+    @property
+    def has_rotations(self) -> bool:
+        """Whether the file holds rotations."""
+        return self.format != POSITIONS
+
 
 def read_trajectory(path: Path) -> ForeignTrajectory:
     """Read a trajectory in any of the formats.
@@ -79,10 +86,13 @@ def read_trajectory(path: Path) -> ForeignTrajectory:
     if not lines:
         raise InputError(f"{path} holds no poses; expected lines of TUM, KITTI or EuRoC")
     width = len(lines[0][1])
-    columns = _named(path, column_names(path, width))
+    names = column_names(path, width)
+    columns = _named(path, names)
     kind = _kind(path, lines, bool(columns))
     matrices = kind in (KITTI, STAMPED)
-    if not columns:
+    if kind == POSITIONS:
+        columns = _four(names)
+    elif not columns:
         columns = list(range(width)) if matrices else [0, 1, 2, 3, *_ORDER[kind]]
     last = width if matrices or kind == TUM else max(columns) + 1
     numbers = []
@@ -99,9 +109,12 @@ def read_trajectory(path: Path) -> ForeignTrajectory:
     table = np.array(numbers)
     stamps = np.arange(len(table), dtype=np.float64)
     if kind != KITTI:
-        timed = len(columns) - 7 if not matrices else 1
+        timed = 1 if matrices or kind == POSITIONS else len(columns) - 7
         stamps, table = stamps_of(path, table[:, :timed]), table[:, timed:]
-    quats = _of_matrices(path, table, lines, width) if matrices else table[:, 3:]
+    if kind == POSITIONS:
+        quats = np.tile([0.0, 0.0, 0.0, 1.0], (len(table), 1))
+    else:
+        quats = _of_matrices(path, table, lines, width) if matrices else table[:, 3:]
     positions = table[:, [3, 7, 11]] if matrices else table[:, :3]
     far = np.flatnonzero(np.abs(positions).max(axis=1) > FARTHEST_M)
     if len(far):
@@ -207,6 +220,14 @@ def _named(path: Path, names: list[str]) -> list[int]:
     return found
 
 
+def _four(names: list[str]) -> list[int]:
+    """Columns of the stamp, x, y and z among four."""
+    plain = _plain(names)
+    found = {one[1]: i for i, name in enumerate(plain) if (one := _POSITION.fullmatch(name))}
+    columns = [*stamp_columns(names)[:1], *(found[axis] for axis in "xyz" if axis in found)]
+    return columns if len(set(columns)) == 4 else [0, 1, 2, 3]
+
+
 def numbers_of(words: list[str]) -> list[float]:
     """The words as numbers; empty if one of them is none."""
     try:
@@ -296,10 +317,12 @@ def _kind(path: Path, lines: list[tuple[int, list[str], bool]], named: bool) -> 
         return NAMED
     if len(row) in _MATRICES:
         return _MATRICES[len(row)]
+    if len(row) == 4:
+        return POSITIONS
     raise InputError(
         f"{path}, line {number}: {len(row) or 'no'} numbers; expected 8 (TUM: stamp tx ty tz qx qy qz qw), "
         "12 or 16 (KITTI: rows of a 3x4 or 4x4 matrix; 13 or 17 with a stamp), at least 8 with commas and a stamp in ns "
-        "(EuRoC: stamp, tx, ty, tz, qw, qx, qy, qz), or a header that names the columns (stamp, x, y, z, qx, qy, qz, qw)"
+        "(EuRoC: stamp, tx, ty, tz, qw, qx, qy, qz), 4 (positions: stamp x y z), or a header that names the columns (stamp, x, y, z, qx, qy, qz, qw)"
     )
 
 

@@ -116,6 +116,9 @@ def judge(
 ) -> Verdict:
     """Judge a trajectory; arguments as for `judge_files`."""
     mine, theirs = pairs(estimate, truth)
+    bare = [file.source for file in (estimate, truth) if not file.has_rotations]
+    if bare and claims is not None:
+        claims = claims.of_positions()
     left_out = _left_out(estimate, len(mine), 0 if claims is None else claims.unknown)
     if len(mine) < MIN_POSES:
         raise InputError(
@@ -129,7 +132,8 @@ def judge(
         "truth_format": truth.format,
         "poses": float(estimate.lines),
         **({"left_out": left_out} if left_out else {}),
-        **accuracy(found, true),
+        **({"without_rotations": " and ".join(bare)} if bare else {}),
+        **(position_accuracy if bare else accuracy)(found, true),
     }
     doubtful = doubt(estimate, truth, found, true)
     if words := doubtful or scale_doubt(found, true) or clock_doubt(estimate, truth, found, true):
@@ -143,11 +147,11 @@ def judge(
         raise InputError(
             f"only {len(rows)} poses have both a covariance and a true pose; at least {MIN_POSES} are needed"
         )
-    errors = errors_of(claims.kind, pick(found, rows), pick(true, rows), same_axes)
-    if claims.kind == SPACE and not same_axes:
+    errors = errors_of(claims.compared, pick(found, rows), pick(true, rows), same_axes)
+    if claims.compared == SPACE and not same_axes:
         _check_body(pick(found, rows), pick(true, rows), doubtful)
     claims = claims.fitting(estimate.poses, chosen)
-    lengths = _LENGTHS[claims.kind]
+    lengths = _LENGTHS[claims.compared]
     own = np.diag(
         np.square([truth_sigma[0]] * lengths + [truth_sigma[1]] * (errors.shape[1] - lengths))
     )
@@ -161,7 +165,7 @@ def judge(
     some = np.unique(np.linspace(0, len(chosen) - 1, min(len(chosen), TOGETHER)).astype(np.int64))
     joint = claims.together(estimate.poses, chosen[some], not same_axes)
     known = None if joint is None else _Joint(some, joint)
-    metrics |= honesty(errors, covariances, claims.kind, travelled, known)
+    metrics |= honesty(errors, covariances, claims.compared, travelled, known)
     metrics |= _in_parts(between, whitened(errors, covariances))
     if metrics["verdict"] == scores.TOO_SURE and "doubt" not in metrics:
         expected = (
@@ -188,6 +192,16 @@ def accuracy(estimate: Trajectory, truth: Trajectory) -> dict[str, float]:
     return figures | {
         "rpe_frame_m": rms(lengths),
         "rpe_frame_deg": float(np.degrees(rms(angles))),
+    }
+
+
+def position_accuracy(estimate: Trajectory, truth: Trajectory) -> dict[str, float]:
+    """The figures of `accuracy` that rotations have no part in."""
+    figures = trajectory_metrics(estimate, truth)
+    return {
+        name: value
+        for name, value in figures.items()
+        if not (name.startswith(("rpe", "heading")) or name.endswith("_deg"))
     }
 
 

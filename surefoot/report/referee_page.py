@@ -99,7 +99,9 @@ def lines(metrics: dict[str, Any]) -> list[str]:
         f"({metrics['format']} against {metrics['truth_format']}){_left_out(metrics)}",
         *([f"doubt: {metrics['doubt']}"] if "doubt" in metrics else []),
         f"position error (RMS): {metrics['position_rmse_3d_m']:.4f} m as it stands{_after(metrics)}",
-        f"RPE (RMS): {metrics['rpe_frame_m']:.4f} m, {metrics['rpe_frame_deg']:.3f} deg from pose to pose",
+        f"positions alone are compared: no rotations in {metrics['without_rotations']}"
+        if "without_rotations" in metrics
+        else f"RPE (RMS): {metrics['rpe_frame_m']:.4f} m, {metrics['rpe_frame_deg']:.3f} deg from pose to pose",
     ]
     if "verdict" not in metrics:
         return [*shown, str(metrics["note"])]

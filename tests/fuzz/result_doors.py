@@ -288,6 +288,7 @@ def trajectories(folder: Path) -> None:
     (folder / "kitti.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0.1 0 1 0 0 0 0 1 0\n")
     euroc = "".join(f"{k}00000000,0.1,0.2,0.3,1,0,0,0\n" for k in range(1, 4))
     (folder / "euroc.csv").write_text("#timestamp, x, y, z, qw, qx, qy, qz\n" + euroc)
+    (folder / "places.csv").write_text("z,y,x,stamp\n" + "0.1,0.2,0.3,4\n0.1,0.2,0.3,5\n")
     information = " ".join("1" if i == j else "0" for i in range(6) for j in range(i, 6))
     vertices = "".join(f"VERTEX_SE3:QUAT {k} {k} 0 0 0 0 0 1\n" for k in range(3))
     edges = "".join(f"EDGE_SE3:QUAT {k} {k + 1} 1 0 0 0 0 0 1 {information}\n" for k in range(2))
@@ -296,7 +297,7 @@ def trajectories(folder: Path) -> None:
 
 def read_trajectories(folder: Path) -> None:
     """All of them."""
-    for name in ("tum.txt", "kitti.txt", "euroc.csv"):
+    for name in ("tum.txt", "kitti.txt", "euroc.csv", "places.csv"):
         read_trajectory(folder / name)
     read_g2o(folder / "graph.g2o")
 

@@ -652,6 +652,76 @@ def test_poses_without_stamps_need_as_many_true_poses(tmp_path):
         judge_files(tmp_path / "k.txt", None, truth)
 
 
+# --- trajectories without rotations ---
+
+
+def positions_of(file: Path, as_csv: bool = False) -> Path:
+    """A TUM file without its rotations, as a total station gives it; with commas, names and ns if `as_csv`."""
+    table = np.loadtxt(file)[:, :4]
+    if not as_csv:
+        np.savetxt(file.with_suffix(".xyz"), table, fmt="%.17g")
+        return file.with_suffix(".xyz")
+    rows = [f"{round(t * 1e9)},{x:.9f},{y:.9f},{z:.9f}" for t, x, y, z in table.tolist()]
+    names = "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m]"
+    file.with_suffix(".csv").write_text("\n".join([names, *rows]))
+    return file.with_suffix(".csv")
+
+
+def test_growing_claims_are_judged_by_positions_alone(tmp_path):
+    """The covariance after the alignment needs those of the rotations, which the claims have; without them it is .65."""
+    ratios = []
+    for seed in range(30):
+        found, claims, truth = Walk(seed, n=120).write(tmp_path)
+        metrics = judge_files(found, claims, positions_of(truth)).metrics
+        assert metrics["pose_dof"] == 3
+        assert "motions" not in metrics
+        ratios.append(metrics["sigma_factor"] ** 2)
+    spread = 3.5 * np.std(ratios) / math.sqrt(30)
+    assert spread < 0.3
+    assert np.mean(ratios) == pytest.approx(1.0, abs=spread)
+
+
+@pytest.mark.parametrize("as_csv", [False, True])
+@pytest.mark.parametrize("bare", ["truth", "estimate", "both"])
+def test_positions_give_the_accuracy_of_positions_and_a_verdict(tmp_path, bare, as_csv):
+    one = Localiser()
+    found, truth, claims = one.tum(tmp_path), one.truth(tmp_path), one.table(tmp_path, one.own)
+    whole = judge_files(found, None, truth).metrics
+    if bare != "truth":
+        found = positions_of(found, as_csv)
+    if bare != "estimate":
+        truth = positions_of(truth, as_csv)
+    metrics = judge_files(found, claims, truth).metrics
+    assert metrics["ate_m"] == pytest.approx(whole["ate_m"], rel=1e-6)
+    assert metrics["verdict"] == IN_BAND
+    assert "doubt" not in metrics
+    assert not [name for name in metrics if name.startswith("rpe") or name.endswith("_deg")]
+    assert any("no rotations in" in line for line in lines(metrics))
+
+
+def test_positions_tell_world_to_camera_poses_and_axes_of_the_other_hand(tmp_path):
+    one = Localiser()
+    found, truth = one.tum(tmp_path), positions_of(one.truth(tmp_path))
+    other = judge_files(inverted(found, tmp_path), None, truth).metrics
+    assert "world-to-camera" in other["doubt"]
+    one.true = one.true * [1.0, -1.0, 1.0]
+    truth = positions_of(one.truth(tmp_path))
+    assert "left-handed axes" in judge_files(found, None, truth).metrics["doubt"]
+
+
+def test_what_needs_rotations_is_refused_with_positions(tmp_path):
+    walk = Walk(1, n=20)
+    found, claims, truth = walk.write(tmp_path)
+    with pytest.raises(InputError, match="leave out --body-axes"):
+        judge_files(positions_of(found), claims, truth, body_axes=True)
+    np.savetxt(
+        tmp_path / "floor.csv", np.tile(np.eye(3).ravel(), (21, 1)), delimiter=",",
+        header="yaw" + ",P" * 8, comments="",
+    )  # fmt: skip
+    with pytest.raises(InputError, match=r"\(x, y, yaw\) cannot be compared"):
+        judge_files(found, tmp_path / "floor.csv", positions_of(truth))
+
+
 # --- files as other systems write them ---
 
 
