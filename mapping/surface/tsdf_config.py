@@ -38,7 +38,9 @@ class TsdfConfig:
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
-            raise ConfigError(f"tsdf: method={self.method!r} is unknown; choose one of {METHODS}")
+            raise ConfigError(
+                f"tsdf: method={self.method!r} is unknown; choose {', '.join(METHODS)}"
+            )
         for name in ("voxel_m", "band_voxels", "farthest_m"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):

@@ -127,7 +127,7 @@ class LocaliserConfig:
                 )
         if self.engine not in ENGINES:
             raise ConfigError(
-                f"localiser: engine={self.engine!r} is unknown; choose one of {ENGINES}"
+                f"localiser: engine={self.engine!r} is unknown; choose {', '.join(ENGINES)}"
             )
         if not (self.lag_s == 0.0 or 1.0 <= self.lag_s < math.inf):
             raise ConfigError(

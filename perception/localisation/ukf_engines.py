@@ -77,7 +77,7 @@ def ukf_engine(name: str, start: Gaussian) -> UkfEngine:
         return CompiledUkf(start)
     if name == "filterpy":
         return FilterpyUkf(start)
-    raise ConfigError(f"localiser: engine={name!r} is unknown; choose one of {ENGINES}")
+    raise ConfigError(f"localiser: engine={name!r} is unknown; choose {', '.join(ENGINES)}")
 
 
 class CompiledUkf:

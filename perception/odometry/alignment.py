@@ -51,7 +51,7 @@ class AlignConfig:
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             raise ConfigError(
-                f"odometry: method={self.method!r} is unknown; choose one of {METHODS}"
+                f"odometry: method={self.method!r} is unknown; choose {', '.join(METHODS)}"
             )
 
 

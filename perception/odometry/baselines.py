@@ -55,7 +55,7 @@ def aligner(name: str) -> Aligner:
             return _open3d(target, source, starts, method[name])
 
         return by_open3d
-    raise ConfigError(f"odometry: aligner={name!r} is unknown; choose one of {ALIGNERS}")
+    raise ConfigError(f"odometry: aligner={name!r} is unknown; choose {', '.join(ALIGNERS)}")
 
 
 def _open3d(

@@ -45,7 +45,7 @@ class Loss:
 
     def __post_init__(self) -> None:
         if self.kind not in LOSSES:
-            raise ConfigError(f"loss kind={self.kind!r} is unknown; choose one of {LOSSES}")
+            raise ConfigError(f"loss kind={self.kind!r} is unknown; choose {', '.join(LOSSES)}")
         if not (math.isfinite(self.width) and self.width >= 0.0):
             raise ConfigError(f"loss width={self.width} must be positive, or 0 for the default")
 

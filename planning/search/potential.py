@@ -48,7 +48,7 @@ class SearchConfig:
 
     def __post_init__(self) -> None:
         if self.form not in FORMS:
-            raise ConfigError(f"search: form={self.form!r} is unknown; expected one of {FORMS}")
+            raise ConfigError(f"search: form={self.form!r} is unknown; choose {', '.join(FORMS)}")
         if not 0.0 < self.margin_m <= MOST_MARGIN_M:
             raise ConfigError(
                 f"search: margin_m={self.margin_m} must be a positive length in m, at most {MOST_MARGIN_M:g}"

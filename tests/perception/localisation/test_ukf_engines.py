@@ -85,7 +85,7 @@ def test_the_initial_state_is_returned_unchanged(name):
 
 
 def test_an_unknown_engine_is_refused():
-    with pytest.raises(ConfigError, match="engine='fast' is unknown; choose one of"):
+    with pytest.raises(ConfigError, match="engine='fast' is unknown; choose compiled, filterpy"):
         LocaliserConfig(engine="fast")
     with pytest.raises(ConfigError, match="unknown"):
         ukf_engine("fast", Gaussian(np.zeros(models.WALKER_SIZE), np.eye(models.WALKER_SIZE)))
