@@ -22,12 +22,12 @@ MOST_SIGMA = 1e3  # of a truth, m or deg; with more it is none
 @click.option(
     "--truth",
     type=PATH,
-    help="True trajectory (TUM, KITTI, EuRoC; with --trajectory also stamp x y z); default the run's truth/.",
+    help="True trajectory (TUM, KITTI, EuRoC, g2o; with --trajectory also stamp x y z); default the run's truth/.",
 )
 @click.option(
     "--trajectory",
     type=PATH,
-    help="Judge this trajectory (TUM, KITTI, EuRoC) of any system, not a RUN.",
+    help="Judge this trajectory (TUM, KITTI, EuRoC, g2o) of any system, not a RUN.",
 )
 @click.option(
     "--covariance",

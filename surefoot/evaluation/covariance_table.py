@@ -24,7 +24,8 @@ from jaxtyping import Float, Int
 
 from perception.primitives.errors import InputError
 
-from .foreign_trajectory import column_names, data_lines, numbers_of, stamp_columns, stamps_of
+from ..results.tables import numbers_of
+from .foreign_trajectory import column_names, data_lines, stamp_columns, stamps_of
 
 SIZES = {36: (6, False), 21: (6, True), 9: (3, False), 6: (3, True)}
 """Number of numbers: size of the matrix, and whether they are those of its upper triangle."""

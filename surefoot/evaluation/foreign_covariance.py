@@ -23,9 +23,9 @@ from perception.odometry.pose_uncertainty import error_transport, rigid_alignmen
 from perception.primitives.errors import InputError
 
 from ..results.gauge import without_gauge
-from ..results.tables import Trajectory, text_lines
+from ..results.tables import Trajectory
 from .covariance_table import SIZES, matrices, read_covariances
-from .foreign_graph import PoseGraph, read_g2o
+from .foreign_graph import PoseGraph, is_graph, read_g2o
 from .foreign_trajectory import ForeignTrajectory
 from .metrics.gauge_alignment import floor_gauge, floor_transport
 from .metrics.trajectory import MAX_DIFFERENCE_S, associate
@@ -299,7 +299,7 @@ def read_claims(
         raise InputError(
             f"{trajectory.source} has no rotations, so that the axes of its poses are unknown; leave out --body-axes"
         )
-    if any(line.startswith(("VERTEX_", "EDGE_")) for line in text_lines(path)):
+    if is_graph(path):
         if body_axes or rotation_first:
             raise InputError(
                 f"{path} is a pose graph, whose order and axes are known; leave out --body-axes and --rotation-first"

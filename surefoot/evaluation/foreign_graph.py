@@ -9,7 +9,7 @@ Source: Kümmerle et al. 2011 (the format); Dellaert and Kaess (2006) (marginals
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,8 +21,7 @@ from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose3
 from perception.smoothing.factors import Factor, LoopClosure, Motion, turned_covariance
 
-from ..results.tables import text_lines
-from .foreign_trajectory import numbers_of
+from ..results.tables import numbers_of, text_lines
 
 _LEVEL = 1e-8  # variance of height and tilt of a planar graph, m^2 and rad^2: nearly none
 _FLOOR = (0, 1, 5)  # x, y and yaw among (x, y, z, rotation vector)
@@ -69,6 +68,29 @@ class PoseGraph:
         return both[:, _FLOOR][:, :, _FLOOR] if self.planar else both
 
 
+def is_graph(path: Path) -> bool:
+    """Whether the file has lines of a pose graph."""
+    return any(line.startswith(("VERTEX_", "EDGE_")) for line in text_lines(path))
+
+
+def read_vertices(path: Path) -> Float[np.ndarray, "n 7"]:
+    """Poses (x, y, z, qx, qy, qz, qw) of the vertices, by increasing number.
+
+    Raises:
+        InputError: A line is cut off, or the file has no poses.
+    """
+    found = {int(row[0]): row[1:] for word, row, _ in _records(path) if word.startswith("VERTEX")}
+    if not found:
+        raise InputError(f"{path} has no vertices; expected VERTEX_SE3:QUAT or VERTEX_SE2")
+    rows = [found[number] for number in sorted(found)]
+    return np.array(
+        [
+            row if len(row) == 7 else [*(pose := _pose(row)).position, *pose.quat_xyzw]
+            for row in rows
+        ]
+    )
+
+
 def read_g2o(path: Path) -> PoseGraph:
     """Read the poses and the edges between poses of a graph; other lines are left out.
 
@@ -78,15 +100,7 @@ def read_g2o(path: Path) -> PoseGraph:
     vertices: dict[int, Pose3] = {}
     edges: list[tuple[int, int, list[float], int]] = []
     kinds = set()
-    for number, line in enumerate(text_lines(path), start=1):
-        word, *words = line.split("#", 1)[0].split() or [""]
-        if word not in _NUMBERS:
-            continue
-        row = numbers_of(words)
-        if len(row) != _NUMBERS[word] or not np.all(np.isfinite(row)):
-            raise InputError(
-                f"{path}, line {number}: {len(row) or 'no'} numbers after {word}; expected {_NUMBERS[word]}"
-            )
+    for word, row, number in _records(path):
         kinds.add("SE2" in word)
         if word.startswith("VERTEX"):
             vertices[int(row[0])] = _pose(row[1:])
@@ -109,6 +123,20 @@ def read_g2o(path: Path) -> PoseGraph:
         kind = Motion if after.get(before) == to else LoopClosure
         factors.append(kind(before, to, motion, covariance))
     return PoseGraph(numbers, vertices, tuple(factors), kinds.pop())
+
+
+def _records(path: Path) -> Iterator[tuple[str, list[float], int]]:
+    """Kind, numbers, and number in the file, of the lines of poses and of edges between poses."""
+    for number, line in enumerate(text_lines(path), start=1):
+        word, *words = line.split("#", 1)[0].split() or [""]
+        if word not in _NUMBERS:
+            continue
+        row = numbers_of(words)
+        if len(row) != _NUMBERS[word] or not np.all(np.isfinite(row)):
+            raise InputError(
+                f"{path}, line {number}: {len(row) or 'no'} numbers after {word}; expected {_NUMBERS[word]}"
+            )
+        yield word, row, number
 
 
 def _pose(row: list[float]) -> Pose3:

@@ -7,11 +7,13 @@
 | KITTI with stamps | the same after a stamp | as of TUM |
 | EuRoC | stamp, tx, ty, tz, qw, qx, qy, qz and further columns, with commas | ns |
 | positions | stamp x y z, or as a header of four names says: without rotations | as of TUM |
+| g2o | the vertices of a pose graph, in the order of their numbers | none |
 | named columns | a header names the columns of stamp, position and quaternion, as of ROS topics and OpenVINS | as of TUM |
 
-Where a header names the columns of the quaternion, names count and not the order.
+Where a header names the columns of the quaternion, names count and not the order. A line with a stamp whose pose is not
+finite is one at which the system was lost: it is counted and has no pose.
 
-Source: Sturm et al. 2012 (TUM), Geiger et al. 2012 (KITTI), Burri et al. 2016 (EuRoC).
+Source: Sturm et al. 2012 (TUM), Geiger et al. 2012 (KITTI), Burri et al. 2016 (EuRoC), Kümmerle et al. 2011 (g2o).
 """
 
 from __future__ import annotations
@@ -27,10 +29,11 @@ from scipy.spatial.transform import Rotation
 
 from perception.primitives.errors import InputError
 
-from ..results.tables import FARTHEST_M, Trajectory, text_lines
+from ..results.tables import FARTHEST_M, Trajectory, numbers_of, text_lines
+from .foreign_graph import is_graph, read_vertices
 from .metrics.trajectory import MAX_DIFFERENCE_S, associate
 
-TUM, KITTI, EUROC = "TUM", "KITTI", "EuRoC"
+TUM, KITTI, EUROC, G2O = "TUM", "KITTI", "EuRoC", "g2o"
 STAMPED, NAMED, POSITIONS = "KITTI with stamps", "named columns", "positions"
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 SINCE_1970_S = (9e8, 5e9)  # years 1998 to 2128
@@ -52,11 +55,12 @@ class ForeignTrajectory:
 
     Args:
         source: Path of the file.
-        format: `TUM`, `KITTI`, `STAMPED`, `EUROC`, `NAMED` or `POSITIONS`.
+        format: `TUM`, `KITTI`, `STAMPED`, `EUROC`, `G2O`, `NAMED` or `POSITIONS`.
         poses: In order of time; without stamps in the file these are the numbers of the lines. Without rotations in the
             file these are one.
         rows: Which line of data each pose is.
         lines: Number of lines of data.
+        lost: Number of those without a finite pose.
     """
 
     source: str
@@ -64,11 +68,12 @@ class ForeignTrajectory:
     poses: Trajectory
     rows: Int[np.ndarray, "n"]
     lines: int
+    lost: int = 0
 
     @property
     def has_stamps(self) -> bool:
         """Whether the file holds stamps."""
-        return self.format != KITTI
+        return self.format not in (KITTI, G2O)
 
     @property
     def has_rotations(self) -> bool:
@@ -82,9 +87,11 @@ def read_trajectory(path: Path) -> ForeignTrajectory:
     Raises:
         InputError: The file cannot be read, is in none of the formats, or a line is not a pose.
     """
+    if is_graph(path):
+        return _of_vertices(path)
     lines = data_lines(path)
     if not lines:
-        raise InputError(f"{path} holds no poses; expected lines of TUM, KITTI or EuRoC")
+        raise InputError(f"{path} holds no poses; expected lines of TUM, KITTI or EuRoC, or g2o")
     width = len(lines[0][1])
     names = column_names(path, width)
     columns = _named(path, names)
@@ -95,21 +102,24 @@ def read_trajectory(path: Path) -> ForeignTrajectory:
     elif not columns:
         columns = list(range(width)) if matrices else [0, 1, 2, 3, *_ORDER[kind]]
     last = width if matrices or kind == TUM else max(columns) + 1
+    timed = 0 if kind == KITTI else 1 if matrices or kind == POSITIONS else len(columns) - 7
     numbers = []
     for line, found, _ in lines:
         row = numbers_of([found[i] for i in columns]) if len(found) >= last else []
         right = kind == EUROC or len(found) == width
-        if not (row and right and all(map(math.isfinite, row))):
+        if not (row and right and all(map(math.isfinite, row[:timed]))):
             raise InputError(
                 f"{path}, line {line}: {' '.join(found)[:60]!r} is not a pose; "
-                f"expected {len(columns)} finite numbers as in the lines before ({kind}); "
-                "remove the lines at which the system was lost"
+                f"expected {len(columns)} numbers as in the lines before ({kind})"
             )
         numbers.append(row)
     table = np.array(numbers)
-    stamps = np.arange(len(table), dtype=np.float64)
-    if kind != KITTI:
-        timed = 1 if matrices or kind == POSITIONS else len(columns) - 7
+    count, kept = len(table), np.flatnonzero(np.isfinite(table).all(axis=1))
+    if not len(kept):
+        raise InputError(f"{path} holds no poses: none of its {count} lines is finite")
+    table, lines = table[kept], [lines[k] for k in kept]
+    stamps = kept.astype(np.float64)
+    if timed:
         stamps, table = stamps_of(path, table[:, :timed]), table[:, timed:]
     if kind == POSITIONS:
         quats = np.tile([0.0, 0.0, 0.0, 1.0], (len(table), 1))
@@ -131,7 +141,23 @@ def read_trajectory(path: Path) -> ForeignTrajectory:
         )
     rows = np.unique(stamps, return_index=True)[1]
     poses = Trajectory(stamps, positions, quats / lengths[:, None])
-    return ForeignTrajectory(str(path), kind, _picked(poses, rows), rows, len(table))
+    return ForeignTrajectory(
+        str(path), kind, _picked(poses, rows), kept[rows], count, count - len(kept)
+    )
+
+
+def _of_vertices(path: Path) -> ForeignTrajectory:
+    table = read_vertices(path)
+    far = np.abs(table[:, :3]).max(axis=1) > FARTHEST_M
+    wrong = np.abs(np.linalg.norm(table[:, 3:], axis=1) - 1.0) > _TOLERANCE
+    if np.any(far | wrong):
+        raise InputError(
+            f"{path}: vertex {int(np.argmax(far | wrong))} (counted from 0) is more than {FARTHEST_M:g} m away or its "
+            "quaternion has not length 1; expected the number, x y z qx qy qz qw"
+        )
+    every = np.arange(len(table))
+    poses = Trajectory(every.astype(np.float64), table[:, :3], table[:, 3:])
+    return ForeignTrajectory(str(path), G2O, poses, every, len(table))
 
 
 def data_lines(path: Path) -> list[tuple[int, list[str], bool]]:
@@ -228,14 +254,6 @@ def _four(names: list[str]) -> list[int]:
     return columns if len(set(columns)) == 4 else [0, 1, 2, 3]
 
 
-def numbers_of(words: list[str]) -> list[float]:
-    """The words as numbers; empty if one of them is none."""
-    try:
-        return [float(word) for word in words]
-    except ValueError:
-        return []
-
-
 def seconds(path: Path, stamps: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
     """Stamps in s, from stamps of the file in s, ms, us or ns.
 
@@ -284,15 +302,15 @@ def pairs(
         InputError: Their stamps do not overlap, or one has no stamps and their numbers of poses differ.
     """
     if not (estimate.has_stamps and truth.has_stamps):
-        if len(estimate.poses) != len(truth.poses):
+        if estimate.lines != truth.lines:
             raise InputError(
-                f"{estimate.source} ({estimate.format}) has {len(estimate.poses)} poses and {truth.source} "
-                f"({truth.format}) has {len(truth.poses)}; without stamps in both, pose by pose, "
+                f"{estimate.source} ({estimate.format}) has {estimate.lines} poses and {truth.source} "
+                f"({truth.format}) has {truth.lines}; without stamps in both, pose by pose, "
                 "the numbers must be equal: give TUM or EuRoC files, or put the stamps before the poses of KITTI "
                 "(paste -d ' ' times.txt poses.txt)"
             )
-        every = np.arange(len(estimate.poses))
-        return every, every
+        _, mine, theirs = np.intersect1d(estimate.rows, truth.rows, return_indices=True)
+        return mine, theirs
     mine, theirs = associate(estimate.poses.stamps, truth.poses.stamps)
     if len(mine) == 0:
         a, b = estimate.poses.stamps, truth.poses.stamps

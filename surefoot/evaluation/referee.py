@@ -89,9 +89,9 @@ def judge_files(
     """Judge the files of a foreign system.
 
     Args:
-        trajectory: TUM, KITTI or EuRoC.
+        trajectory: In any format of `foreign_trajectory`.
         covariance: CSV or g2o; None: accuracy only.
-        truth: TUM, KITTI or EuRoC.
+        truth: In any of them.
         same_axes: Estimate and truth have the same axes: nothing is aligned.
         body_axes: The covariances are in the axes of each pose.
         truth_sigma: Standard deviations of the truth, m and rad.
@@ -393,8 +393,10 @@ def _claims_doubt(
 
 def _left_out(estimate: ForeignTrajectory, used: int, unknown: int) -> str:
     """Why some poses, or covariances, are not compared, in words; empty if all are."""
-    same, apart = estimate.lines - len(estimate.poses), len(estimate.poses) - used
-    words = [f"{same} have the stamp of another pose"] if same else []
+    same, apart = estimate.lines - estimate.lost - len(estimate.poses), len(estimate.poses) - used
+    words = [f"{estimate.lost} are not finite"] if estimate.lost else []
+    if same:
+        words.append(f"{same} have the stamp of another pose")
     if apart:
         words.append(f"{apart} have no true pose of their own within {MAX_DIFFERENCE_S:g} s")
     if unknown:

@@ -152,6 +152,14 @@ def is_pose(position_m: Sequence[float], quat_xyzw: Sequence[float]) -> bool:
     return near and 1e-6 < math.hypot(*quat_xyzw) < 1e6
 
 
+def numbers_of(words: list[str]) -> list[float]:
+    """The words as numbers; empty if one of them is none."""
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        return []
+
+
 def text_lines(path: Path) -> list[str]:
     """The lines of a text file, also gzipped.
 

@@ -297,7 +297,7 @@ def trajectories(folder: Path) -> None:
 
 def read_trajectories(folder: Path) -> None:
     """All of them."""
-    for name in ("tum.txt", "kitti.txt", "euroc.csv", "places.csv"):
+    for name in ("tum.txt", "kitti.txt", "euroc.csv", "places.csv", "graph.g2o"):
         read_trajectory(folder / name)
     read_g2o(folder / "graph.g2o")
 

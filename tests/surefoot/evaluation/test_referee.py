@@ -242,6 +242,51 @@ def test_a_planar_pose_graph_gives_planar_covariances(tmp_path):
     np.testing.assert_allclose(np.diag(claims.covariances[3]), expected, rtol=1e-4)
 
 
+def test_a_pose_graph_is_a_trajectory_too(tmp_path):
+    walk = Walk(2, n=50)
+    found, _, truth = walk.write(tmp_path)
+    factors = [Motion(3 * k, 3 * k + 3, motion, walk.step) for k, motion in enumerate(walk.motions)]
+    graph = tmp_path / "g.g2o"
+    poses = {3 * k: Placement(pose, np.eye(6)) for k, pose in enumerate(walk.found)}
+    write_g2o(graph, factors, Solution(poses))
+    lines = graph.read_text().splitlines()
+    graph.write_text("\n".join(lines[::-1]))  # vertices count by their numbers, not by their lines
+    ours = judge_files(graph, graph, truth).metrics
+    assert ours.pop("format") == "g2o"
+    theirs = judge_files(found, graph, truth).metrics
+    assert theirs.pop("format") == "TUM"
+    assert ours.pop("doubt", "") == theirs.pop("doubt", "") == ""
+    assert ours.keys() == theirs.keys()
+    assert ours["verdict"] == theirs["verdict"]
+    for name in ("ate_m", "rpe_frame_m", "pose_anees", "matched_poses"):
+        assert ours[name] == pytest.approx(theirs[name], rel=1e-5)
+
+
+def test_a_planar_pose_graph_is_a_trajectory_with_headings(tmp_path):
+    (tmp_path / "g.g2o").write_text(
+        "VERTEX_SE2 7 1 2 1.5707963267948966\nVERTEX_SE2 4 0 0 0\nVERTEX_XY 9 5 5\n"
+    )
+    read = read_trajectory(tmp_path / "g.g2o")
+    np.testing.assert_allclose(read.poses.positions, [[0, 0, 0], [1, 2, 0]])
+    np.testing.assert_allclose(read.poses.yaws, [0.0, np.pi / 2])
+    assert not read.has_stamps
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\nVERTEX_SE3:QUAT 1 0 0 0 0 0 0 2\n", "vertex 1 .* length 1"),
+        ("VERTEX_SE3:QUAT 0 2e9 0 0 0 0 0 1\n", r"vertex 0 .* more than 1e\+09 m away"),
+        ("VERTEX_SE3:QUAT 0 0 0 0 0 0 1\n", r"line 1: 7 numbers after VERTEX_SE3:QUAT; expected 8"),
+        ("VERTEX_XY 0 0 0\n", "has no vertices; expected VERTEX_SE3:QUAT or VERTEX_SE2"),
+    ],
+)  # fmt: skip
+def test_graphs_that_hold_no_trajectory_are_refused_with_the_reason(tmp_path, text, message):
+    (tmp_path / "g.g2o").write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_trajectory(tmp_path / "g.g2o")
+
+
 # --- formats ---
 
 
@@ -834,6 +879,43 @@ def test_poses_and_covariances_are_read_by_the_names_that_a_system_gives_them(
     assert aligned is not None
     away = np.linalg.norm(aligned.apply(one.positions) - one.true, axis=1)
     assert metrics["ate_m"] == pytest.approx(np.sqrt(np.mean(away**2)), rel=1e-6)
+
+
+def test_lines_at_which_a_system_was_lost_are_counted_and_have_no_pose(tmp_path):
+    one = Localiser()
+    lost = np.arange(40, 65)
+    there = np.delete(np.arange(len(one.rows)), lost)
+    true, table = one.truth(tmp_path), one.table(tmp_path, one.own)
+    one.positions[lost[:10]] = np.nan
+    one.positions[lost[10:], 2] = np.inf
+    marked = judge_files(one.tum(tmp_path), table, true).metrics
+    assert marked.pop("left_out") == "25 are not finite"
+    assert marked.pop("poses") == len(one.rows)
+    one.stamps, one.positions, one.found = one.stamps[there], one.positions[there], one.found[there]
+    removed = judge_files(one.tum(tmp_path), one.table(tmp_path, one.own), true).metrics
+    assert removed.pop("poses") == len(there)
+    assert marked == removed
+
+
+def test_a_lost_line_without_a_stamp_keeps_the_others_at_their_numbers(tmp_path):
+    one = Localiser()
+    matrices = np.tile(np.eye(4), (len(one.rows), 1, 1))
+    matrices[:, :3, :3] = Rotation.from_quat(one.rows[:, 3:]).as_matrix()
+    matrices[:, :3, 3] = one.rows[:, :3]
+    lines = matrices[:, :3].reshape(-1, 12)
+    np.savetxt(tmp_path / "all.txt", lines)
+    lines[[0, 7, 8]] = np.nan
+    np.savetxt(tmp_path / "lost.txt", lines)
+    metrics = judge_files(tmp_path / "lost.txt", None, tmp_path / "all.txt").metrics
+    assert metrics["matched_poses"] == len(one.rows) - 3
+    assert metrics["ate_m"] < 1e-12
+
+
+@pytest.mark.parametrize("text", ["nan 0 0 0 0 0 0 1\n", "0 nan 0 0 0 0 0 1\n"])
+def test_a_line_without_a_stamp_or_a_file_without_a_pose_is_refused(tmp_path, text):
+    (tmp_path / "bad.txt").write_text(text)
+    with pytest.raises(InputError, match=r"line 1: .* is not a pose|none of its 1 lines is finite"):
+        read_trajectory(tmp_path / "bad.txt")
 
 
 @pytest.mark.parametrize(
