@@ -45,6 +45,7 @@ MOTIONS = 200
 """Number of motions between poses that are judged; each lasts longer than the errors of images are correlated."""
 TOGETHER = 120  # poses of which the joint covariance is made
 NEARER = 3.0  # ours: how much nearer to 1, as a factor, another convention must bring the sigmas to be named
+LIKELIER = 1000.0  # ours: and by what factor it must make the errors likelier
 BINS = 5  # of the distance travelled, with equally many poses
 COMPONENTS = {
     SPACE: ("x", "y", "z", "turn_x", "turn_y", "turn_z"),
@@ -176,7 +177,9 @@ def judge(
             )
             for words, one in claims.otherwise(estimate.poses)
         )
-        if words := _claims_doubt(errors, metrics["pose_anees"], expected):
+        if words := _claims_doubt(
+            errors, metrics["pose_anees"], metrics["pose_effective_samples"], expected
+        ):
             metrics["doubt"] = words
     return Verdict(metrics, shown, true, errors, covariances, rows, travelled)
 
@@ -372,19 +375,22 @@ def _by_distance(
 def _claims_doubt(
     errors: Float[np.ndarray, "n k"],
     anees: float,
+    samples: float,
     otherwise: Iterable[tuple[str, Float[np.ndarray, "n k k"]]],
 ) -> str:
     """The other convention of the covariances by which the mean NEES would be much nearer to exact; empty without one.
 
     A wrong order or wrong axes leave the determinant, and so make the mean NEES of exact claims larger, never smaller:
-    only claims that seem too sure can be those.
+    only claims that seem too sure can be those. Few independent samples tell conventions apart by chance, so that the
+    likelihoods, each with the sigmas times the best factor, must differ too.
     """
     dof = errors.shape[1]
     best, said = anees, ""
     for words, covariances in otherwise:
         series = squared(whitened(errors, covariances))
         mean = float(np.mean(series[np.isfinite(series)]))
-        if mean < best and NEARER * abs(np.log(mean / dof)) < np.log(anees / dof):
+        nearer = NEARER * abs(np.log(mean / dof)) < np.log(anees / dof)
+        if mean < best and nearer and samples * dof / 2 * np.log(anees / mean) > np.log(LIKELIER):
             best, said = mean, words
     return said and (
         f"the covariances may {said}: the mean NEES is then {best:.2f}, not {anees:.2f} ({dof} if exact)"

@@ -881,6 +881,17 @@ def test_poses_and_covariances_are_read_by_the_names_that_a_system_gives_them(
     assert metrics["ate_m"] == pytest.approx(np.sqrt(np.mean(away**2)), rel=1e-6)
 
 
+def test_few_independent_samples_raise_no_doubt_about_the_axes(tmp_path):
+    """Claims too sure by two, in world axes: in these of thirty walks body axes would fit much better by chance."""
+    judged = []
+    for seed in (6, 7, 21, 22):
+        found, claims, truth = Walk(seed, 2.0).write(tmp_path)
+        np.savetxt(truth, np.loadtxt(truth)[:, :4], fmt="%.17g")
+        judged.append(judge_files(found, claims, truth).metrics)
+    assert all(one["verdict"] == TOO_SURE for one in judged)
+    assert not any("doubt" in one for one in judged)
+
+
 def test_lines_at_which_a_system_was_lost_are_counted_and_have_no_pose(tmp_path):
     one = Localiser()
     lost = np.arange(40, 65)
