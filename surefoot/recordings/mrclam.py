@@ -23,6 +23,7 @@ from perception.primitives.safe_input import UnreadableError
 ROBOTS = range(1, 6)
 """Subjects 1 to 5 are robots, the others landmarks."""
 
+_MOST = 2**53  # whole numbers that a float can hold
 BESIDE = 0.01  # ours: share of misread bearings that is left to the localiser
 
 
@@ -68,7 +69,7 @@ def read_robot(folder: Path, robot: int) -> RobotLog:
         RecordingError: A file is missing, a row is not finite or not in order of time, a barcode has two subjects, or
             bearings are none of a camera.
     """
-    codes = _table(folder / "Barcodes.dat", 2).astype(np.int64)
+    codes = _table(folder / "Barcodes.dat", 2)
     check_unique(folder / "Barcodes.dat", "barcode", codes[:, 1])
     subject = {int(code): int(number) for number, code in codes}
     seen = _table(folder / f"Robot{robot}_Measurement.dat", 4)
@@ -91,7 +92,12 @@ def read_robot(folder: Path, robot: int) -> RobotLog:
 
 
 def check_unique(where: Path | str, what: str, numbers: np.ndarray) -> None:
-    """Refuse a number that stands for two things, since each of its sightings may be of either."""
+    """Refuse a number that is not whole, or stands for two things, since each of its sightings may be of either."""
+    odd = np.flatnonzero((numbers != np.rint(numbers)) | (np.abs(numbers) > _MOST))
+    if len(odd):
+        raise RecordingError(
+            f"{where}: {what} {numbers[odd[0]]:g} in row {odd[0] + 1}; expected whole numbers"
+        )
     found, counts = np.unique(numbers.astype(np.int64), return_counts=True)
     if np.any(counts > 1):
         raise RecordingError(

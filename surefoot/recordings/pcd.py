@@ -76,7 +76,8 @@ def _read(
     missing = [axis for axis in "xyz" if axis not in (points.dtype.names or ())]
     if missing:
         raise RecordingError(f"{path}: has no field {missing[0]}; x, y and z were expected")
-    xyz = np.stack([points[axis].astype(np.float64) for axis in "xyz"], axis=-1)
+    with np.errstate(invalid="ignore"):  # some bits of "no depth" are a signalling NaN
+        xyz = np.stack([points[axis].astype(np.float64) for axis in "xyz"], axis=-1)
     xyz = xyz.reshape(height, width, 3)
     seen = np.isfinite(xyz).all(axis=-1) & (xyz[..., 2] > 0.0)
     if seen.sum() < _MIN_POINTS:

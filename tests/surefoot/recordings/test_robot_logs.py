@@ -61,6 +61,8 @@ def test_a_gzipped_file_gives_the_same_table(folder):
         ("Robot1_Measurement.dat", None, "no such file"),
         ("Robot1_Measurement.dat", " 10.0 63 2.0 0.1\n 11.0 63 3.0 12.0\n", "row 2 .*expected rad"),
         ("Barcodes.dat", " 1 5\n 6 63\n 7 63\n", "barcode 63 is listed 2 times"),
+        ("Barcodes.dat", " 1 5\n 6 1e30\n", r"barcode 1e\+30 in row 2; expected whole numbers"),
+        ("Barcodes.dat", " 1 5.5\n 6 63\n", "barcode 5.5 in row 1; expected whole numbers"),
     ],
 )
 def test_an_unreadable_file_is_refused_with_its_reason(folder, name, text, match):
