@@ -59,7 +59,8 @@ LOOKS = 12  # ours: scans kept for the report
 SAME_M = 0.4  # ours: depth of a carton plus error of a track
 WAIT_STEPS = 8  # ours: steps to wait in a passage for a moving obstacle
 SURELY = 0.7  # ours: occupancy at which a cell blocks a passage
-RETREAT_M = 0.45  # ours: retreat from a blocked passage, far enough to see the obstacle
+RETREAT_M = 0.45
+"""Ours: longest retreat from a blocked passage, enough to see the obstacle; a shorter leg is gone back to its beginning."""
 DOWN_RAD = math.radians(17.0)  # seed 004: key pitch
 INTO_RAD = math.radians(30.0)  # ours: tilt that shows the sides of a gap from 1 m on
 LEVEL_DEG = (-60.0, -30.0, 0.0, 30.0, 60.0)  # seed 004: key yaws
@@ -109,6 +110,7 @@ class AvoidancePlanner(GoalSeeker):
         self._off_rad = math.inf
         self._stand = Pose2()  # frame of the views: where the scan began, x to the goal
         self._legs: list[Leg] = []
+        self._begun = Pose2()  # of the present leg
         self._middle: GapCentre | None = None  # of the gap on the present leg
         self._trim = primitives.Trim()
         self._last, self._last_s = WalkCommand(), -math.inf
@@ -204,7 +206,8 @@ class AvoidancePlanner(GoalSeeker):
             return self._face(robot, heading, gaze)
         away_m = math.hypot(goal[0] - robot.x, goal[1] - robot.y)
         desired = footsteps.footstep(heading, gait.cruise_mps, robot, gait, away_m)
-        walk = self._guard.choose(desired, world.pose, movers, cells, goal, world.stamp_s)
+        unseen = world.grid.centres()[~world.grid.known]
+        walk = self._guard.choose(desired, world.pose, movers, cells, goal, world.stamp_s, unseen)
         plan = Plan(
             goal,
             steps=self._guard.ahead,
@@ -280,6 +283,7 @@ class AvoidancePlanner(GoalSeeker):
         )
         gap = choice.gap_m if centred else 0.0
         self._legs = primitives.passage(choice.motion, choice.pivot, robot, beyond, gap)
+        self._begun = robot
 
     def _pass(
         self, world: WorldModel, grid: EgocentricGrid, goal: Float[np.ndarray, "2"]
@@ -289,7 +293,7 @@ class AvoidancePlanner(GoalSeeker):
         robot, gait = world.pose2, self._robot.gait
         while self._legs and primitives.reached(self._legs[0], robot):
             self._legs.pop(0)
-            self._middle = None
+            self._middle, self._begun = None, robot
         if not self._legs:
             self._phase = "walk"
             self._urged, self._retreats = self._retreats, False  # what blocked it is known now
@@ -347,7 +351,9 @@ class AvoidancePlanner(GoalSeeker):
             return False
         LOG.info("%.1f s: the passage is blocked", stamp_s)
         self._closers.append(cells[hit])
-        self._legs, self._retreats = primitives.retreat(leg, robot, RETREAT_M), True
+        gone_m = math.hypot(robot.x - self._begun.x, robot.y - self._begun.y)
+        self._legs = primitives.retreat(leg, robot, min(RETREAT_M, gone_m))
+        self._begun, self._retreats = robot, True
         return True
 
 
