@@ -25,7 +25,7 @@ class DepthHealthConfig:
 
     fall_back: bool = setting(True, "", "walk by colour while depth is lost; else stand", "ours")
     nearest_m: float = 0.2  # seed 003: stereo is reliable from here on
-    farthest_m: float = 1.5  # ours: beyond, ToF sees the floor at a grazing angle
+    farthest: float = 4.0  # ours, in camera heights: beyond, ToF sees the floor at a grazing angle
     lost_share: float = setting(
         0.15,
         "",
@@ -36,10 +36,10 @@ class DepthHealthConfig:
     footsteps: int = 3  # ours: in a row; 2 s, or 14 cm of floor that was seen before
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.nearest_m < self.farthest_m:
+        if not (self.nearest_m >= 0.0 and self.farthest > 0.0):
             raise ConfigError(
-                f"depth_health: nearest_m={self.nearest_m} must not be negative and be below "
-                f"farthest_m={self.farthest_m}"
+                f"depth_health: nearest_m={self.nearest_m} must not be negative, "
+                f"farthest={self.farthest} must be positive"
             )
         if not 0.0 < self.lost_share <= self.found_share <= 1.0:
             raise ConfigError(
@@ -61,11 +61,12 @@ class DepthHealth:
         self.share: float | None = None
         """Share of the floor ahead with depth at the last footstep; None if no camera looked there."""
 
-    def update(self, seen: Sequence[tuple[Depth, Plane]]) -> bool:
+    def update(self, seen: Sequence[tuple[Depth, Plane, float]]) -> bool:
         """Take in one footstep; whether depth may be used now.
 
         Args:
-            seen: Each depth image of a footstep with the floor in its camera frame; empty if there is none.
+            seen: Each depth image of a footstep with the floor in its camera frame and the sensor's reach, m; empty if
+                there is none.
         """
         self.share = self.best_share(seen)
         if self.share is None:
@@ -79,12 +80,14 @@ class DepthHealth:
             self.healthy, self._contrary = not self.healthy, 0
         return self.healthy
 
-    def best_share(self, seen: Sequence[tuple[Depth, Plane]]) -> float | None:
+    def best_share(self, seen: Sequence[tuple[Depth, Plane, float]]) -> float | None:
         """Largest share over the images; None if all look elsewhere, 0 without images."""
         config = self._config
         shares = [
-            answered_share(depth, floor, config.nearest_m, config.farthest_m)
-            for depth, floor in seen
+            answered_share(
+                depth, floor, config.nearest_m, min(config.farthest * floor.offset_m, reach_m)
+            )
+            for depth, floor, reach_m in seen
         ]
         looking = [share for share in shares if share is not None]
         return max(looking) if looking else (None if shares else 0.0)

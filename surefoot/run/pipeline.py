@@ -100,7 +100,13 @@ class Pipeline:
             views, registration = self._register(views)
         pose = self.pose_source.pose
         if frame.footstep_due:
-            self.health.update([(view.depth, view.floor) for view in views])
+            reach = self.config.reach
+            self.health.update(
+                [
+                    (one.depth, one.floor, reach.of(one.sensor, one.depth).farthest_m)
+                    for one in views
+                ]
+            )
         doubts += self._doubts(report)
         by_colour = None
         if pose is not None and self._needs_colour_floor(frame):

@@ -34,11 +34,11 @@ BOWED = Plane(np.array([0.0, -math.cos(0.5), -math.sin(0.5)]), 0.38)
 RAISED = Plane(np.array([0.0, -math.cos(0.7), math.sin(0.7)]), 0.38)
 
 
-def seen(share: float, floor: Plane = BOWED) -> list[tuple[Depth, Plane]]:
+def seen(share: float, floor: Plane = BOWED) -> list[tuple[Depth, Plane, float]]:
     """One image, so much of whose columns answer."""
     z = np.full((60, 80), np.nan, np.float32)
     z[:, : round(80 * share)] = 1.0
-    return [(Depth(z, z, CAMERA), floor)]
+    return [(Depth(z, z, CAMERA), floor, 3.0)]
 
 
 def healthy_after(*shares: float) -> list[bool]:
@@ -60,6 +60,21 @@ def test_a_camera_that_looks_elsewhere_does_not_count_and_a_missing_image_does()
     health = DepthHealth(DepthHealthConfig(footsteps=2))
     assert all(health.update(seen(0.0, RAISED)) for _ in range(5))
     assert [health.update([]) for _ in range(2)] == [True, False]
+
+
+@pytest.mark.parametrize("height_m", [0.38, 1.0, 1.55])
+def test_depth_is_lost_and_found_again_at_the_height_of_any_robot(height_m):
+    """The head is bowed by 29 deg, as while walking by colour: a tall robot sees no floor nearer than 1.6 m."""
+    floor = replace(BOWED, offset_m=height_m)
+    health = DepthHealth(DepthHealthConfig(footsteps=2))
+    assert [health.update(seen(share, floor)) for share in (0.0, 0.0)] == [True, False]
+    assert [health.update(seen(share, floor)) for share in (0.9, 0.9)] == [False, True]
+
+
+def test_floor_beyond_the_reach_of_the_sensor_is_not_missed():
+    ((depth, floor, _),) = seen(0.0, replace(BOWED, offset_m=1.55))
+    health = DepthHealth(DepthHealthConfig(footsteps=1))
+    assert health.update([(depth, floor, 1.5)])
 
 
 def test_one_good_camera_is_enough():
