@@ -22,7 +22,8 @@ class WalkGuarded(WalkStraight):
             return wanted
         occupied = grid.centres()[grid.known & (grid.probability >= OCCUPIED)]
         standing = standing_cells(occupied, tracks, grid.cell_m)  # the guard predicts the others
+        unseen = grid.centres()[~grid.known]
         walk = self.guard.choose(
-            wanted.walk, world.pose, tracks, standing, self.goal, world.stamp_s
+            wanted.walk, world.pose, tracks, standing, self.goal, world.stamp_s, unseen
         )
         return wanted if walk == wanted.walk else replace(wanted, walk=walk, why=self.guard.word)

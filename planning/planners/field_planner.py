@@ -84,7 +84,10 @@ class FieldPlanner(GoalSeeker):
         if not self.gaze.surveying:
             desired = self._desired(world.pose, goal, discs, cells, world.grid.cell_m)
             why = "walk"
-        walk = self._guard.choose(desired, world.pose, obstacles, cells, goal, world.stamp_s)
+        unseen = world.grid.centres()[~world.grid.known]
+        walk = self._guard.choose(
+            desired, world.pose, obstacles, cells, goal, world.stamp_s, unseen
+        )
         self._speed_mps = walk.forward_m / self._robot.gait.step_s
         plan = Plan(goal, gaze_map=self.gaze.valued)
         if isinstance(self._guard, Guard):

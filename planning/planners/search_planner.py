@@ -100,7 +100,7 @@ class SearchPlanner:
         grid, robot, watch = world.grid, world.pose2, Stopwatch(time.thread_time)
         obstacles = straight_tracks(world.tracks)
         with watch.stage("route"):
-            probability, unknown, occupied = _as_ground(grid, world.world_map)
+            probability, unknown, occupied, unseen = _as_ground(grid, world.world_map)
             ground = probability, unknown, grid.origin, grid.cell_m
             via = self._route.update(*ground, robot, goal, world.world_map)
         with watch.stage("gaze"):
@@ -114,7 +114,13 @@ class SearchPlanner:
             near_m = self._guard.cell_distance_m
             target = farthest_visible(here, self._route.ahead(here), standing, near_m)
             walk = self._stepper.choose(
-                desired, world.pose, obstacles, standing, target, world.stamp_s
+                desired,
+                world.pose,
+                obstacles,
+                standing,
+                target,
+                world.stamp_s,
+                grid.centres()[unseen],
             )
         self._speed_mps = walk.forward_m / self._robot.gait.step_s
         if walk != desired:
@@ -201,8 +207,13 @@ def _same(via: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"] | None) -> b
 
 def _as_ground(
     grid: EgocentricGrid, world_map: WorldMap | None = None
-) -> tuple[Float32[np.ndarray, "n n"], Bool[np.ndarray, "n n"], Bool[np.ndarray, "n n"]]:
-    """Occupancy and unknown cells for the search, and the cells that no step may touch.
+) -> tuple[
+    Float32[np.ndarray, "n n"],
+    Bool[np.ndarray, "n n"],
+    Bool[np.ndarray, "n n"],
+    Bool[np.ndarray, "n n"],
+]:
+    """Occupancy and unknown cells for the search, the cells that no step may touch, and those never seen.
 
     What stood in cells that the grid has forgotten, unseen for half a minute, stands there until it is seen to be gone.
     Static obstacles extend behind the face that is seen. The search keeps away from all unseen cells beside a face; no
@@ -210,9 +221,11 @@ def _as_ground(
     moving obstacles are expensive for the search, not blocked: the guard avoids the obstacles themselves.
     """
     probability, known, moving = grid.probability, grid.known, grid.moving
+    unseen = ~known
     if world_map is not None:
         y, x = (low + grid.cell_m * (np.arange(len(known)) + 0.5) for low in grid.origin[::-1])
         remembered, stands, _ = world_map.standing(x, y)
+        unseen = ~known & ~stands
         stood = ~known & stands & (remembered >= OCCUPIED)
         probability, known = np.where(stood, remembered, probability), known | stood
     occupied = known & (probability >= OCCUPIED)
@@ -222,7 +235,7 @@ def _as_ground(
     behind = beside & _opposite(known & ~occupied, standing.view(np.bool_), diamond)
     probability = np.where(known & moving, np.minimum(probability, MOVER_COST), probability)
     probability = np.where(beside, HIDDEN, probability).astype(np.float32)
-    return probability, ~known & ~beside, occupied | behind
+    return probability, ~known & ~beside, occupied | behind, unseen
 
 
 def _opposite(

@@ -130,3 +130,24 @@ def touch_cells(places: np.ndarray, samples: int, cells: Cells) -> np.ndarray:
             if found[i]:
                 break
     return found
+
+
+@njit(cache=True)
+def covered(places: np.ndarray, samples: int, cells: np.ndarray, radius_m: float) -> np.ndarray:
+    """(c,) cells that the body covers at once in the first samples of every plan, most of them all.
+
+    Args:
+        places: (c, n, 3) poses of the plans, see `walked`.
+        samples: How many.
+        cells: (k, 2) middles, world frame, m.
+        radius_m: Of the body.
+    """
+    found = np.zeros(len(places))
+    for i in range(len(places)):
+        for n in range(samples):
+            count = 0
+            for k in range(len(cells)):
+                x, y = places[i, n, 0] - cells[k, 0], places[i, n, 1] - cells[k, 1]
+                count += x * x + y * y < radius_m * radius_m
+            found[i] = max(found[i], count)
+    return found

@@ -12,6 +12,10 @@ bound, the cheapest of those that keep it is walked; where none does, the cheape
 only if it is not more dangerous until its end: the bound alone would make the robot back away before somebody who is
 faster.
 
+Behind the robot, where it never looked, there may be a wall. Ground there that was never seen costs a plan the contact
+that may wait on it, as far as the plan covers more of it than the desired step does, unless the robot has to give way
+to somebody. Ahead, the cameras see the ground before the robot reaches it, but for the first steps of a walk.
+
 A moving obstacle goes on as its modes of motion say, on the motion pattern learnt for it if there is one. Standing still
 is a plan like the others and not safer, since these obstacles do not go round a robot. The guard keeps its plan until
 another is clearly better.
@@ -53,7 +57,7 @@ class Guard:
     def __init__(
         self, config: GuardConfig, robot: RobotModel = DARWIN_OP, cell_m: float = 0.05
     ) -> None:
-        self.config, self.robot = config, robot
+        self.config, self.robot, self._cell_m = config, robot, cell_m
         self.cell_distance_m = robot.radius_m + corner_m(cell_m)
         """Distance kept between the middle of the body and that of an occupied cell, m."""
         self.patterns = MotionPatterns()
@@ -75,6 +79,7 @@ class Guard:
         occupied: Float[np.ndarray, "n 2"],
         target: Float[np.ndarray, "2"],
         stamp_s: float,
+        unseen: Float[np.ndarray, "k 2"] | None = None,
     ) -> WalkCommand:
         """The desired step if it is safe, else the first step of the best plan.
 
@@ -87,6 +92,7 @@ class Guard:
             occupied: Middles of occupied cells, world frame, m; may include distant ones.
             target: Via point, world frame, m.
             stamp_s: Present time, in the clock of `Obstacle.seen_s`.
+            unseen: Middles of cells that were never seen, world frame, m; may include distant ones. None: all were seen.
         """
         self.patterns.update(obstacles)
         # after a long pause the last step was another component's
@@ -95,7 +101,7 @@ class Guard:
         robot = Gaussian(ahead.vector, robot.covariance)
         scene = _Scene(
             robot, obstacles, occupied, target, self.config, self.robot, stamp_s, self.patterns,
-            self.cell_distance_m,
+            self.cell_distance_m, unseen, self._cell_m,
         )  # fmt: skip
         self._last, self._last_s = self._safest(desired, scene), stamp_s
         return self._last
@@ -108,7 +114,8 @@ class Guard:
     def _safest(self, desired: WalkCommand, scene: _Scene) -> WalkCommand:
         wish, bound = scene.walked(_desired_plans(desired, self.robot.gait)[:1]), self.config.risk
         harm, _ = scene.judge(wish)
-        harm += constants.EXPECTED_CONTACT_M * scene.risks(wish, to_the_end=True)
+        danger = scene.risks(wish, to_the_end=True)
+        harm += constants.EXPECTED_CONTACT_M * danger
         self.word, self.risk = "guard", float(scene.risks(wish)[0])
         if harm[0] <= constants.PASS_M and self.risk <= bound:
             self._present, self.ahead = None, _shown(wish[0])
@@ -118,6 +125,8 @@ class Guard:
         harm, cost = scene.judge(places)
         touches = scene.touches(places)
         cost += constants.EXPECTED_CONTACT_M * touches
+        if danger[0] <= bound:  # nobody to give way to
+            cost += constants.EXPECTED_CONTACT_M * scene.ventures(places)
         cost[1] -= constants.KEEP_M + constants.KEEP_SHARE * harm[1]  # the present plan
         best = scene.cheapest(places, cost)
         self.risk = float(scene.risks(places[[best]])[0])
@@ -179,12 +188,17 @@ class _Scene:
         stamp_s: float,
         patterns: MotionPatterns,
         cell_distance_m: float,
+        unseen: np.ndarray | None = None,
+        cell_m: float = 0.05,
     ) -> None:
         everything = [*obstacles, *patterns.remembered(obstacles, stamp_s)]
         self._risk = Risk(robot, everything, stamp_s, config, model, patterns)
         self._gait, self._steps = model.gait, config.steps
         self._robot, self._target = robot.mean.astype(np.float64), target.astype(np.float64)
         self._cells = _cells(robot, occupied, everything, config.steps, model, cell_distance_m)
+        self._body_m = model.breadth * constants.CELL_CONTACT_M
+        self._cell_m = cell_m
+        self._unseen = self._behind(np.zeros((0, 2)) if unseen is None else unseen)
         self._costs = arguments.Costs(constants.STEEP, constants.CONTACT_COST_M, constants.FADE_S)
 
     def walked(self, plans: Float[np.ndarray, "c 8"]) -> Float[np.ndarray, "c n 3"]:
@@ -215,6 +229,22 @@ class _Scene:
         """Whether every plan touches what stands in the time of the bound."""
         found: np.ndarray = kernels.touch_cells(places, 2 * self._risk.steps, self._cells)
         return found
+
+    def ventures(self, places: Float[np.ndarray, "c n 3"]) -> Float[np.ndarray, "c"]:
+        """Probability that unseen ground behind it holds what every plan touches in the time of the bound, beyond that of the first."""
+        counts = kernels.covered(places, 2 * self._risk.steps, self._unseen, self._body_m)
+        area = self._cell_m**2 * np.maximum(counts - counts[0], 0.0)
+        found: np.ndarray = -np.expm1(-constants.UNSEEN_PER_M2 * area)
+        return found
+
+    def _behind(self, cells: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "m 2"]:
+        """The cells behind the shoulders that the body does not cover, but may in the time of the bound."""
+        there = Pose2(*self._robot.tolist()).inverse().apply(cells)
+        away = np.hypot(*there.T)
+        reach = self._risk.steps * self._gait.step_s * self._gait.max_speed_mps + self._body_m
+        return np.ascontiguousarray(
+            cells[(there[:, 0] < 0.0) & (away > self._body_m) & (away <= reach)]
+        )
 
     def cheapest(self, places: Float[np.ndarray, "c n 3"], cost: Float[np.ndarray, "c"]) -> int:
         """Number of the plan with the least expected cost: its own, and that of a contact until its end."""

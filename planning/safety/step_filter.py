@@ -26,6 +26,7 @@ class StepFilter(Protocol):
         occupied: Float[np.ndarray, "n 2"],
         target: Float[np.ndarray, "2"],
         stamp_s: float,
+        unseen: Float[np.ndarray, "k 2"] | None = None,
     ) -> WalkCommand:
         """The step to make; called once per footstep, in order.
 
@@ -36,6 +37,7 @@ class StepFilter(Protocol):
             occupied: Middles of occupied cells, world frame, m; may include distant ones.
             target: Via point, world frame, m.
             stamp_s: Present time, in the clock of `Obstacle.seen_s`.
+            unseen: Middles of cells that were never seen, world frame, m; may include distant ones. None: all were seen.
         """
         ...
 
@@ -51,6 +53,7 @@ class Unfiltered:
         occupied: Float[np.ndarray, "n 2"],
         target: Float[np.ndarray, "2"],
         stamp_s: float,
+        unseen: Float[np.ndarray, "k 2"] | None = None,
     ) -> WalkCommand:
         """The desired step."""
         return desired

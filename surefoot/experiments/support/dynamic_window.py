@@ -52,6 +52,7 @@ class DynamicWindow:
         occupied: Float[np.ndarray, "n 2"],
         target: Float[np.ndarray, "2"],
         stamp_s: float,
+        unseen: Float[np.ndarray, "k 2"] | None = None,
     ) -> WalkCommand:
         """The step of the best pair; if no pair keeps clear, of the pair with the latest contact."""
         gait = self._robot.gait

@@ -42,6 +42,7 @@ class PathIntegral:
         occupied: Float[np.ndarray, "n 2"],
         target: Float[np.ndarray, "2"],
         stamp_s: float,
+        unseen: Float[np.ndarray, "k 2"] | None = None,
     ) -> WalkCommand:
         """The first step of the weighted plan."""
         gait, dt = self._robot.gait, self._robot.gait.step_s

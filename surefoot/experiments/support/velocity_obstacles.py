@@ -52,6 +52,7 @@ class VelocityObstacles:
         occupied: Float[np.ndarray, "n 2"],
         target: Float[np.ndarray, "2"],
         stamp_s: float,
+        unseen: Float[np.ndarray, "k 2"] | None = None,
     ) -> WalkCommand:
         """The step towards the velocity with the least penalty."""
         gait = self._robot.gait

@@ -334,3 +334,27 @@ def test_cells_under_its_own_body_hold_no_robot(yaw_deg):
     start, target = Pose2(0.0, 0.0, math.radians(yaw_deg)), np.array([0.44, 0.18])
     _, _, pose = play(start, target, lambda t: (9.0, 9.0, 0.0, 0.0), cells)
     assert math.hypot(pose.x - target[0], pose.y - target[1]) < 0.1
+
+
+def test_the_robot_does_not_back_into_ground_that_it_never_saw():
+    """A chair keeps it from its target to the left behind it; where it never looked there may be a wall."""
+    side = np.arange(-1.0, 1.0, 0.05)
+    ground = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    chair = np.array([(0.05 * i, 0.35 + 0.05 * j) for i in range(4) for j in range(3)])
+    target, wish = np.array([-0.92, 0.77]), limited_step(GAIT, 0.0, 0.0, 0.24)
+    steps = [
+        Guard(CONFIG, DARWIN_OP).choose(wish, at(Pose2()), [], chair, target, 0.0, unseen)
+        for unseen in (None, ground[ground[:, 0] > 0.6], ground[ground[:, 0] < -0.15])
+    ]
+    assert steps[0].forward_m < 0.0
+    assert steps[1] == steps[0]  # what was not seen lies elsewhere
+    assert steps[2].forward_m >= 0.0
+
+
+def test_ground_that_the_desired_step_covers_too_costs_nothing():
+    """All round the robot nothing was seen, as at the start of a walk."""
+    side = np.arange(-1.0, 1.0, 0.05)
+    ground = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    wish, target = limited_step(GAIT, 0.07, 0.0, 0.0), np.array([1.0, 0.0])
+    guard = Guard(CONFIG, DARWIN_OP)
+    assert guard.choose(wish, at(Pose2()), [], NOTHING, target, 0.0, ground) == wish

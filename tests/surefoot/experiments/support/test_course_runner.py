@@ -40,7 +40,7 @@ class Recording(Unfiltered):
     def __init__(self):
         self.heard = []
 
-    def choose(self, desired, robot, obstacles, occupied, target, stamp_s):
+    def choose(self, desired, robot, obstacles, occupied, target, stamp_s, unseen=None):
         self.heard.append((robot.mean[:2], occupied, target))
         return super().choose(desired, robot, obstacles, occupied, target, stamp_s)
 
