@@ -358,3 +358,17 @@ def test_ground_that_the_desired_step_covers_too_costs_nothing():
     wish, target = limited_step(GAIT, 0.07, 0.0, 0.0), np.array([1.0, 0.0])
     guard = Guard(CONFIG, DARWIN_OP)
     assert guard.choose(wish, at(Pose2()), [], NOTHING, target, 0.0, ground) == wish
+
+
+def test_somebody_who_comes_is_given_way_to_wherever_the_robot_looked():
+    """Nothing was seen behind the robot; an obstacle comes head on, faster than it backs away."""
+    side = np.arange(-1.0, 1.0, 0.05)
+    ground = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    comes, target = mover(0.45, 0.0, -0.06, 0.0), np.array([1.0, 0.0])
+    wish = limited_step(GAIT, 0.0, 0.0, 0.0)
+    steps = [
+        Guard(CONFIG, DARWIN_OP).choose(wish, at(Pose2()), [comes], NOTHING, target, 0.0, unseen)
+        for unseen in (None, ground[ground[:, 0] < -0.15])
+    ]
+    assert steps[0] != wish
+    assert steps[1] == steps[0]
