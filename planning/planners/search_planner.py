@@ -225,7 +225,7 @@ def _as_ground(
     if world_map is not None:
         y, x = (low + grid.cell_m * (np.arange(len(known)) + 0.5) for low in grid.origin[::-1])
         remembered, stands, _ = world_map.standing(x, y)
-        unseen = ~known & ~stands
+        unseen &= ~stands
         stood = ~known & stands & (remembered >= OCCUPIED)
         probability, known = np.where(stood, remembered, probability), known | stood
     occupied = known & (probability >= OCCUPIED)

@@ -231,7 +231,8 @@ class _Scene:
         return found
 
     def ventures(self, places: Float[np.ndarray, "c n 3"]) -> Float[np.ndarray, "c"]:
-        """Probability that unseen ground behind it holds what every plan touches in the time of the bound, beyond that of the first."""
+        """Probability of a contact on unseen ground behind the robot in the time of the bound, of every plan, as far as it
+        covers more of that ground than the first."""
         counts = kernels.covered(places, 2 * self._risk.steps, self._unseen, self._body_m)
         area = self._cell_m**2 * np.maximum(counts - counts[0], 0.0)
         found: np.ndarray = -np.expm1(-constants.UNSEEN_PER_M2 * area)

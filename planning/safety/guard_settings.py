@@ -33,9 +33,8 @@ walks in homes and halls by geometric detections with 28 contacts, development l
 SAME_RISK = 0.004  # ours: smaller differences of the probability of contact do not make a plan the least dangerous
 EXPECTED_CONTACT_M = 10.0
 """Ours: detour that avoiding a contact is worth. With 20 walks take a tenth longer and touch no less."""
-UNSEEN_PER_M2 = (
-    2.0  # ours: contacts per area of unseen ground that the body newly covers, in furnished rooms
-)
+UNSEEN_PER_M2 = 2.0
+"""Ours, not measured: contacts per area of unseen ground that the body newly covers, in furnished rooms."""
 
 SIZE_SIGMA_M = 0.01  # ours: standard deviation of the distance of contact by the two sizes
 STEEP = 40.0  # ours: cost per metre of missing distance

@@ -66,8 +66,8 @@ def read_robot(folder: Path, robot: int) -> RobotLog:
     """Odometry and measurements of a robot.
 
     Raises:
-        RecordingError: A file is missing, a row is not finite or not in order of time, a barcode has two subjects, or
-            bearings are none of a camera.
+        RecordingError: A file is missing, a row is not finite or not in order of time, a barcode is no whole number or has
+            two subjects, or bearings are none of a camera.
     """
     codes = _table(folder / "Barcodes.dat", 2)
     check_unique(folder / "Barcodes.dat", "barcode", codes[:, 1])

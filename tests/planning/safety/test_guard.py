@@ -17,7 +17,7 @@ from perception.primitives.robot_model import DARWIN_OP
 from planning.footsteps import footstep, limited_step
 from planning.safety import guard as guard_module
 from planning.safety.guard import Guard, GuardConfig, choose
-from planning.safety.guard_settings import HEADING_COST_M
+from planning.safety.guard_settings import CELL_CONTACT_M, HEADING_COST_M, UNSEEN_PER_M2
 from planning.safety.prediction import MotionPatterns
 
 CONFIG = GuardConfig()
@@ -351,24 +351,37 @@ def test_the_robot_does_not_back_into_ground_that_it_never_saw():
     assert steps[2].forward_m >= 0.0
 
 
-def test_ground_that_the_desired_step_covers_too_costs_nothing():
-    """All round the robot nothing was seen, as at the start of a walk."""
-    side = np.arange(-1.0, 1.0, 0.05)
+@pytest.mark.parametrize("back_m", [0.0, 0.04, 0.08])
+def test_unseen_ground_costs_by_the_area_behind_that_only_the_plan_covers(back_m):
+    """Discs of the body's radius, shifted straight back: the first has reached x = -0.04 m, another one x = -back_m."""
+    cell_m, r = 0.005, DARWIN_OP.breadth * CELL_CONTACT_M
+    side = np.arange(-0.4, 0.4, cell_m)
     ground = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    wish, target = limited_step(GAIT, 0.07, 0.0, 0.0), np.array([1.0, 0.0])
-    guard = Guard(CONFIG, DARWIN_OP)
-    assert guard.choose(wish, at(Pose2()), [], NOTHING, target, 0.0, ground) == wish
+    scene = guard_module._Scene(
+        at(Pose2()), [], NOTHING, np.array([1.0, 0.0]), CONFIG, DARWIN_OP, 0.0, MotionPatterns(), 0.2,
+        ground, cell_m,
+    )  # fmt: skip
+    reached = np.array([-0.04, -back_m, 0.08])  # the third walks on, over ground ahead as unseen
+    places = np.zeros((3, 2 * CONFIG.steps, 3))
+    places[:, :, 0] = reached[:, None]
+
+    def moved(d):  # what a disc shifted by d covers beyond one in place
+        return math.pi * r**2 - 2 * r**2 * math.acos(d / 2 / r) + d / 2 * math.sqrt(4 * r**2 - d**2)
+
+    more = max(moved(back_m) - moved(0.04), 0.0)
+    expected = [0.0, 1.0 - math.exp(-UNSEEN_PER_M2 * more), 0.0]
+    np.testing.assert_allclose(scene.ventures(places), expected, atol=2e-3)
 
 
 def test_somebody_who_comes_is_given_way_to_wherever_the_robot_looked():
     """Nothing was seen behind the robot; an obstacle comes head on, faster than it backs away."""
     side = np.arange(-1.0, 1.0, 0.05)
     ground = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    comes, target = mover(0.45, 0.0, -0.06, 0.0), np.array([1.0, 0.0])
+    comes, target = mover(0.6, 0.0, -0.05, 0.0), np.array([1.0, 0.0])
     wish = limited_step(GAIT, 0.0, 0.0, 0.0)
     steps = [
         Guard(CONFIG, DARWIN_OP).choose(wish, at(Pose2()), [comes], NOTHING, target, 0.0, unseen)
         for unseen in (None, ground[ground[:, 0] < -0.15])
     ]
-    assert steps[0] != wish
+    assert steps[0].forward_m < 0.0
     assert steps[1] == steps[0]
