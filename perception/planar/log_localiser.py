@@ -50,7 +50,10 @@ LEAST_SLIP = 1e-3  # ours: m and rad; of a robot that stands
 SLIP = 3  # ours: rejected sightings in a row that tell of a slip; of 20 % outliers once in a hundred sightings
 IGNORED = 100  # ours: sightings of such a landmark before it is tried again
 LONGEST_S = 120.0  # ours: stretch of odometry that a fix bridges
-FIRST_PART = 600  # ours: sightings after a fix that tell the noise
+FIRST_PART, FIRST_S = 600, 120.0
+"""Ours: the noise is told by so many sightings after a fix, and so many seconds, of a robot in motion. One that stands repeats
+its errors, and a filter fitted to them would average them."""
+MOST_FITTED = 1200  # ours: sightings of that part that are used
 FIT_INTERVAL_S = 0.5  # ours: longest step of the odometry there; a longer one would cut corners
 RECENT = 3  # ours: last sightings that tell of a slip
 SURPRISE = 0.865  # quantile of one NIS that the median of three exceeds once in twenty triples
@@ -248,13 +251,13 @@ class _Localiser:
         """Noise by the part of the log after a fix; the delay by the first."""
         guess = self._guess(fix)
         now = self.stamps[first - 1]
-        later = self.log.seen_s[np.searchsorted(self.log.seen_s, now) :][:FIRST_PART]
-        later = np.append(now, later[later <= self.stamps[-1]])
+        log = self.log.first_part(float(now), FIRST_PART, FIRST_S, MOST_FITTED)
+        later = np.append(now, log.seen_s)
         instants = np.unique(np.append(np.arange(now, later[-1], FIT_INTERVAL_S), later))
 
         def part(delay_s: float) -> Journey:
             delay_s = delay_s if self.fixes == 1 else self.delay_s
-            return dataclasses.replace(self.log.journey(delay_s, instants), start=start)
+            return dataclasses.replace(log.journey(delay_s, instants), start=start)
 
         config, delay_s = fit_sizes(part, guess, self.delay_s, self.prior)
         if self.fixes == 1:

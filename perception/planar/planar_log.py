@@ -6,6 +6,7 @@ Source: ours.
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from .planar import Journey
 INTERVAL_S = 0.1  # ours: longest time between two instants
 JUMP = 2.0  # ours: speed of a jump over the speeds of the log
 AROUND = 7  # ours: steps whose median replaces a jump
+AT_REST = 0.1  # ours: speed of a robot that stands, over the speeds of the log
 LEAST_S = 1e-3  # ours: a shorter step has no speed
 LONGEST_GAP_S = 3600.0  # ours: between two rows of one log
 LONGEST_S = 1e6  # ours: of a log; about 12 days
@@ -81,6 +83,31 @@ class PlanarLog:
             moved[jumps, column] = (usual * dt)[jumps]
         totals = np.cumsum(np.vstack([self.totals[:1], moved]), axis=0)
         return dataclasses.replace(self, totals=totals)
+
+    def first_part(self, begin_s: float, sightings: int, seconds: float, most: int) -> PlanarLog:
+        """The log with the first sightings after a stamp only.
+
+        Args:
+            begin_s: The stamp.
+            sightings: At least so many while the robot moves.
+            seconds: And so much time in which it moves.
+            most: Of many more sightings, those of every k-th stamp are kept.
+        """
+        dt = np.diff(self.stamps_s)
+        speeds = np.abs(np.diff(self.totals, axis=0)) / np.maximum(dt, LEAST_S)[:, None]
+        moves = np.any(speeds > AT_REST * np.percentile(speeds, 90.0, axis=0), axis=1)
+        moved_s = np.cumsum(np.where(moves & (self.stamps_s[1:] > begin_s), dt, 0.0))
+        rows = np.flatnonzero((self.seen_s >= begin_s) & (self.seen_s <= self.stamps_s[-1]))
+        seen_s = self.seen_s[rows]
+        step = np.clip(np.searchsorted(self.stamps_s[1:], seen_s), 0, len(dt) - 1)
+        enough = (np.cumsum(moves[step]) >= sightings) & (moved_s[step] >= seconds)
+        if enough.any():
+            rows = rows[seen_s <= seen_s[np.argmax(enough)]]
+        _, number = np.unique(self.seen_s[rows], return_inverse=True)
+        rows = rows[number % max(1, math.ceil(len(rows) / most)) == 0]
+        return dataclasses.replace(
+            self, seen_s=self.seen_s[rows], marks=self.marks[rows], seen=self.seen[rows]
+        )
 
     def instants(self) -> Float[np.ndarray, "k"]:
         """Stamps of the sightings during the odometry, and of a regular grid."""
