@@ -21,6 +21,8 @@ INTERVAL_S = 0.1  # ours: longest time between two instants
 JUMP = 2.0  # ours: speed of a jump over the speeds of the log
 AROUND = 7  # ours: steps whose median replaces a jump
 AT_REST = 0.1  # ours: speed of a robot that stands, over the speeds of the log
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+"""Multiples of it modulo 1 are even and follow no period, as every k-th stamp would that of beacons asked in turn (Weyl sequence)."""
 LEAST_S = 1e-3  # ours: a shorter step has no speed
 LONGEST_GAP_S = 3600.0  # ours: between two rows of one log
 LONGEST_S = 1e6  # ours: of a log; about 12 days
@@ -85,13 +87,13 @@ class PlanarLog:
         return dataclasses.replace(self, totals=totals)
 
     def first_part(self, begin_s: float, sightings: int, seconds: float, most: int) -> PlanarLog:
-        """The log with the first sightings after a stamp only.
+        """The log with only the first sightings after a stamp.
 
         Args:
-            begin_s: The stamp.
+            begin_s: The stamp, s.
             sightings: At least so many while the robot moves.
-            seconds: And so much time in which it moves.
-            most: Of many more sightings, those of every k-th stamp are kept.
+            seconds: And at least so much time in which it moves, s.
+            most: Of more sightings about as many are kept, whole stamps of them, evenly in time and over the landmarks.
         """
         dt = np.diff(self.stamps_s)
         speeds = np.abs(np.diff(self.totals, axis=0)) / np.maximum(dt, LEAST_S)[:, None]
@@ -104,7 +106,7 @@ class PlanarLog:
         if enough.any():
             rows = rows[seen_s <= seen_s[np.argmax(enough)]]
         _, number = np.unique(self.seen_s[rows], return_inverse=True)
-        rows = rows[number % max(1, math.ceil(len(rows) / most)) == 0]
+        rows = rows[(number * GOLDEN) % 1.0 * len(rows) < most]
         return dataclasses.replace(
             self, seen_s=self.seen_s[rows], marks=self.marks[rows], seen=self.seen[rows]
         )
